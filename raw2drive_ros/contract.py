@@ -1,0 +1,169 @@
+"""Data that crosses borders between rooms: shapes, units, frames, and `validate()`.
+
+Frames follow REP-103 and REP-105: `map` and `base_link` are right-handed, x forward (or east),
+y left, z up; yaw is counter-clockwise positive; units are SI. Cameras use optical frames
+(z forward, x right, y down). Nothing here is privileged: see `privileged_contract`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+Image8 = NDArray[np.uint8]
+
+
+class ContractError(ValueError):
+    """A value breaks the contract of the type that holds it."""
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ContractError(message)
+
+
+def _finite(name: str, *values: float) -> None:
+    _require(bool(np.all(np.isfinite(values))), f'{name}: not finite: {values}')
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """One actuation request.
+
+    throttle, brake: [0, 1]. steer: [-1, 1], positive turns LEFT (REP-103), as a fraction of the
+    vehicle's largest steering angle. reverse: throttle drives backwards.
+    """
+
+    throttle: float = 0.0
+    brake: float = 0.0
+    steer: float = 0.0
+    reverse: bool = False
+
+    def validate(self) -> Control:
+        _finite('Control', self.throttle, self.brake, self.steer)
+        _require(0.0 <= self.throttle <= 1.0, f'Control.throttle {self.throttle} outside [0, 1]')
+        _require(0.0 <= self.brake <= 1.0, f'Control.brake {self.brake} outside [0, 1]')
+        _require(-1.0 <= self.steer <= 1.0, f'Control.steer {self.steer} outside [-1, 1]')
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """One IMU reading (REP-145) in the IMU's frame, whose axes are parallel to `base_link`.
+
+    specific_force_mps2: (3,) accelerometer reading, +9.81 on z at rest. angular_velocity_radps: (3,).
+    """
+
+    stamp_ns: int
+    specific_force_mps2: tuple[float, float, float]
+    angular_velocity_radps: tuple[float, float, float]
+
+    def validate(self) -> ImuSample:
+        _finite('ImuSample', *self.specific_force_mps2, *self.angular_velocity_radps)
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class OdometrySample:
+    """Pose of `base_link` in `map` and its twist in `base_link`."""
+
+    stamp_ns: int
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float
+    yaw_rate_radps: float
+
+    def validate(self) -> OdometrySample:
+        _finite(
+            'OdometrySample', self.x_m, self.y_m, self.yaw_rad, self.speed_mps, self.yaw_rate_radps
+        )
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Sparse route checkpoints in `map`.
+
+    stamp_ns: time at which the route was issued; a new stamp means a new route.
+    checkpoints_m: (N, 2) float64, N >= 2, from the start to the goal, some tens of metres apart.
+    """
+
+    stamp_ns: int
+    checkpoints_m: Float64
+
+    def validate(self) -> Route:
+        points = self.checkpoints_m
+        _require(points.ndim == 2 and points.shape[1] == 2, f'Route: shape {points.shape}')
+        _require(len(points) >= 2, 'Route: needs at least two checkpoints')
+        _require(bool(np.isfinite(points).all()), 'Route: not finite')
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class CameraCalibration:
+    """Pinhole calibration of one camera.
+
+    intrinsics: (3, 3) pixels. base_from_camera: (4, 4), pose of the OPTICAL frame in `base_link`.
+    """
+
+    name: str
+    width: int
+    height: int
+    intrinsics: Float64
+    base_from_camera: Float64
+
+    def validate(self) -> CameraCalibration:
+        _require(self.width > 0 and self.height > 0, f'{self.name}: empty image')
+        _require(self.intrinsics.shape == (3, 3), f'{self.name}: intrinsics {self.intrinsics.shape}')
+        _require(self.base_from_camera.shape == (4, 4), f'{self.name}: extrinsics shape')
+        _require(bool(np.isfinite(self.intrinsics).all()), f'{self.name}: intrinsics not finite')
+        _require(
+            bool(np.isfinite(self.base_from_camera).all()), f'{self.name}: extrinsics not finite'
+        )
+        _require(
+            self.intrinsics[0, 0] > 0 and self.intrinsics[1, 1] > 0, f'{self.name}: focal length'
+        )
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFrame:
+    """Everything the raw-sensor driver may see of one decision tick; all stamps equal `stamp_ns`.
+
+    images: camera name -> (H, W, 3) uint8 RGB. imu: newest reading. odometry: newest sample.
+    """
+
+    stamp_ns: int
+    images: dict[str, Image8]
+    imu: ImuSample
+    odometry: OdometrySample
+
+    def validate(self) -> SensorFrame:
+        _require(bool(self.images), 'SensorFrame: no images')
+        for name, image in self.images.items():
+            _require(
+                image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3,
+                f'SensorFrame: image {name} is {image.dtype} {image.shape}, not uint8 (H, W, 3)',
+            )
+        self.imu.validate()
+        self.odometry.validate()
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What a driver answers to one frame, with the identity of what decided.
+
+    stamp_ns: stamp of the frame that it answers. action: index in the action table, or -1.
+    """
+
+    stamp_ns: int
+    control: Control
+    action: int = -1
+    inference_ms: float = 0.0
+    info: dict[str, Any] = field(default_factory=dict)

@@ -1,0 +1,54 @@
+"""Privileged data: what only the simulator knows and only training may see.
+
+The planner's process blocks this module (`raw2drive_ros.driving.isolation`), so nothing that runs
+in the car can come to depend on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raw2drive_ros.contract import ContractError
+
+EGO_FIELDS = ('speed_mps', 'steer', 'throttle', 'brake', 'yaw_rate_radps')
+
+
+@dataclass(frozen=True, slots=True)
+class PrivilegedFrame:
+    """Ground truth of one decision tick.
+
+    bev: (C, H, W) bool, BEV masks, row 0 is far ahead, column 0 is left; channels: `bev_channels`.
+    ego: (5,) float32 in the order of `EGO_FIELDS`.
+    """
+
+    stamp_ns: int
+    bev: NDArray[np.bool_]
+    ego: NDArray[np.float32]
+
+    def validate(self) -> PrivilegedFrame:
+        if self.bev.ndim != 3 or self.bev.dtype != np.bool_:
+            raise ContractError(f'PrivilegedFrame.bev: {self.bev.dtype} {self.bev.shape}')
+        if self.ego.shape != (len(EGO_FIELDS),) or not np.isfinite(self.ego).all():
+            raise ContractError(f'PrivilegedFrame.ego: {self.ego}')
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """What led to the frame of the same stamp.
+
+    action: index of the executed action in the action table, the nearest one when the driver was
+    continuous, -1 at the first frame. reward_terms: named parts; `reward` is what is learnt from
+    (spec 2.3). is_terminal: failure, nothing follows. is_last: the episode ends here, failed or not.
+    """
+
+    stamp_ns: int
+    action: int
+    reward: float
+    reward_terms: dict[str, float]
+    is_first: bool
+    is_terminal: bool
+    is_last: bool

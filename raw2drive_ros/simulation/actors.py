@@ -1,0 +1,277 @@
+"""Everything else that moves or stands: traffic on paths, walkers, obstacles. highway-env's kinds underneath."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.kinematics import Vehicle
+from highway_env.vehicle.objects import Obstacle
+
+from raw2drive_ros.contract import Float64
+from raw2drive_ros.simulation.path import Path
+
+if TYPE_CHECKING:
+    from raw2drive_ros.simulation.world import World
+
+LOOK_AHEAD_M = 50.0
+
+# kind: (length, width, height) in metres.
+SIZES_M = {
+    'car': (4.6, 1.9, 1.5),
+    'van': (5.6, 2.1, 2.3),
+    'emergency': (5.4, 2.1, 2.2),
+    'cyclist': (1.8, 0.6, 1.7),
+    'walker': (0.6, 0.6, 1.75),
+    'barrier': (3.0, 2.2, 1.1),
+    'cone': (0.45, 0.45, 0.8),
+    'parked': (4.6, 1.9, 1.5),
+    'parked_van': (5.6, 2.1, 2.5),
+}
+
+
+@dataclass(slots=True)
+class Script:
+    """An effect that starts when its trigger fires, once.
+
+    Triggers (any that is set): `ego_within_m` of the actor, `ego_at_s_m` along the route, `time_s`.
+    Effects: `acceleration_mps2` (until `until_speed_mps`), `target_speed_mps`, or a drift of the path
+    by `drift_m` to the left over `drift_over_m` metres.
+    """
+
+    ego_within_m: float | None = None
+    ego_at_s_m: float | None = None
+    time_s: float | None = None
+    acceleration_mps2: float | None = None
+    until_speed_mps: float = 0.0
+    target_speed_mps: float | None = None
+    drift_m: float = 0.0
+    drift_over_m: float = 25.0
+    fired_at_s_m: float | None = field(default=None, init=False)
+
+    def fires(self, world: World, actor: Vehicle) -> bool:
+        ego = world.ego
+        return bool(
+            (
+                self.ego_within_m is not None
+                and math.hypot(*(actor.position - ego.position)) < self.ego_within_m
+            )
+            or (self.ego_at_s_m is not None and world.route_s_m >= self.ego_at_s_m)
+            or (self.time_s is not None and world.time_s >= self.time_s)
+        )
+
+
+class PathVehicle(Vehicle):
+    """Traffic on a fixed path: IDM towards whatever occupies the path ahead, and to closed stop lines.
+
+    heedless: sees nobody (a driver who takes the right of way).
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        s_m: float,
+        speed_mps: float,
+        target_speed_mps: float,
+        kind: str = 'car',
+        colour: int = 0,
+        scripts: tuple[Script, ...] = (),
+        heedless: bool = False,
+        waits_at_m: tuple[tuple[float, Callable[[], bool]], ...] = (),
+        lateral_m: float = 0.0,
+    ) -> None:
+        x, y, yaw = path.pose(s_m, lateral_m)
+        super().__init__(None, (x, y), yaw, speed_mps)
+        self.path = path
+        self.s_m = s_m
+        self.target_speed = target_speed_mps
+        self.kind = kind
+        self.colour = colour
+        self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M[kind]
+        self.scripts = [
+            Script(**{k: getattr(s, k) for k in _SCRIPT_FIELDS}) for s in scripts
+        ]
+        self.heedless = heedless
+        self.waits_at_m = waits_at_m
+        self.base_lateral_m = self.lateral_m = lateral_m
+        self.command_acceleration = 0.0
+        self.gone = False
+
+    def think(self, world: World) -> None:
+        """Choose an acceleration from the world as it stood before anybody moved."""
+        forced = None
+        for script in self.scripts:
+            if script.fired_at_s_m is None and script.fires(world, self):
+                script.fired_at_s_m = self.s_m
+            if script.fired_at_s_m is None:
+                continue
+            if script.target_speed_mps is not None:
+                self.target_speed = script.target_speed_mps
+            if script.acceleration_mps2 is not None:
+                forced = script.acceleration_mps2 if self.speed > script.until_speed_mps else 0.0
+        self.command_acceleration = self._idm(world) if forced is None else forced
+
+    def _idm(self, world: World) -> float:
+        v, wanted = self.speed, max(self.target_speed, 0.1)
+        free = IDMVehicle.COMFORT_ACC_MAX * (1.0 - (v / wanted) ** 4)
+        gap, closing = self._leader(world)
+        for stop_s, is_closed in self.waits_at_m:
+            distance = stop_s - self.s_m - self.LENGTH / 2
+            if 0.0 < distance < LOOK_AHEAD_M and is_closed() and distance < gap:
+                gap, closing = distance + 2.0, v
+        if gap >= LOOK_AHEAD_M:
+            return max(free, IDMVehicle.COMFORT_ACC_MIN)
+        comfort = math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
+        wanted_gap = 3.0 + max(0.0, v * 1.2 + v * closing / (2.0 * comfort))
+        return max(free - IDMVehicle.COMFORT_ACC_MAX * (wanted_gap / max(gap, 0.1)) ** 2, -8.0)
+
+    def _leader(self, world: World) -> tuple[float, float]:
+        """(free gap, closing speed) to the first thing on the path ahead, or (inf, 0)."""
+        if self.heedless:
+            return math.inf, 0.0
+        index = world.index_of(self)
+        near = np.abs(world.positions - self.position).max(axis=1) < LOOK_AHEAD_M
+        near[index] = False
+        others = np.flatnonzero(near)
+        if not len(others):
+            return math.inf, 0.0
+        window = self.path.window(self.s_m, LOOK_AHEAD_M)
+        if not len(window):
+            return math.inf, 0.0
+        delta = world.positions[others, None] - window[None]
+        reach = world.half_widths[others] + self.WIDTH / 2 + 0.3
+        hits = np.einsum('apk,apk->ap', delta, delta) < (reach**2)[:, None]
+        first = np.where(hits.any(axis=1), hits.argmax(axis=1), 10_000)
+        best = int(np.argmin(first))
+        if first[best] == 10_000:
+            return math.inf, 0.0
+        other = others[best]
+        cos = math.cos(self.heading - world.headings[other])
+        gap = float(first[best]) + reach[best] * 0.5 - self.LENGTH / 2 - world.half_lengths[other] * abs(cos)
+        return max(gap, 0.05), self.speed - world.speeds[other] * cos
+
+    def step(self, dt: float) -> None:
+        self.speed = max(0.0, self.speed + self.command_acceleration * dt)
+        self.s_m += self.speed * dt
+        self.lateral_m = self.base_lateral_m + sum(
+            script.drift_m * _ease((self.s_m - script.fired_at_s_m) / script.drift_over_m)
+            for script in self.scripts
+            if script.drift_m and script.fired_at_s_m is not None
+        )
+        ahead = self.path.pose(self.s_m, self.lateral_m)
+        moved_x, moved_y = ahead[0] - self.position[0], ahead[1] - self.position[1]
+        self.heading = ahead[2]
+        drifting = self.lateral_m != self.base_lateral_m
+        if drifting and math.hypot(moved_x, moved_y) > 0.05:
+            self.heading = math.atan2(moved_y, moved_x)
+        self.position[:] = ahead[:2]
+        self.gone = self.s_m > self.path.length_m + 2.0
+
+
+_SCRIPT_FIELDS = (
+    'ego_within_m',
+    'ego_at_s_m',
+    'time_s',
+    'acceleration_mps2',
+    'until_speed_mps',
+    'target_speed_mps',
+    'drift_m',
+    'drift_over_m',
+)
+
+
+def _ease(part: float) -> float:
+    part = min(max(part, 0.0), 1.0)
+    return part * part * (3.0 - 2.0 * part)
+
+
+class Walker(Vehicle):
+    """A pedestrian who crosses from one lateral offset of the route to another when the ego comes near."""
+
+    def __init__(
+        self,
+        route: Path,
+        s_m: float,
+        from_m: float,
+        to_m: float,
+        speed_mps: float,
+        trigger_m: float,
+        colour: int = 0,
+    ) -> None:
+        x, y, yaw = route.pose(s_m, from_m)
+        heading = yaw + math.copysign(math.pi / 2, to_m - from_m)
+        super().__init__(None, (x, y), heading, 0.0)
+        self.kind = 'walker'
+        self.colour = colour
+        self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M['walker']
+        self.route, self.route_s_m = route, s_m
+        self.left_to_walk_m = abs(to_m - from_m)
+        self.walk_speed = speed_mps
+        self.trigger_m = trigger_m
+        self.command_acceleration = 0.0
+        self.gone = False
+
+    def think(self, world: World) -> None:
+        if self.speed == 0.0 and self.left_to_walk_m > 0:
+            ahead = self.route_s_m - world.route_s_m
+            if 0.0 < ahead < self.trigger_m:
+                self.speed = self.walk_speed
+
+    def step(self, dt: float) -> None:
+        step = min(self.speed * dt, self.left_to_walk_m)
+        self.position[0] += step * math.cos(self.heading)
+        self.position[1] += step * math.sin(self.heading)
+        self.left_to_walk_m -= step
+        if self.left_to_walk_m <= 0:
+            self.speed = 0.0
+
+
+class StandingObject(Obstacle):
+    """Something solid that never moves: parked cars, barriers, cones."""
+
+    def __init__(self, x_m: float, y_m: float, yaw_rad: float, kind: str, colour: int = 0) -> None:
+        super().__init__(None, (x_m, y_m), yaw_rad, 0.0)
+        self.kind = kind
+        self.colour = colour
+        self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M[kind]
+        self.command_acceleration = 0.0
+        self.gone = False
+
+    def think(self, world: World) -> None:
+        """Nothing to decide."""
+
+    def step(self, dt: float) -> None:
+        """Nothing moves."""
+
+
+Actor = PathVehicle | Walker | StandingObject
+
+
+def corners_m(x: float, y: float, yaw: float, length: float, width: float) -> Float64:
+    """(4, 2) corners of an oriented box, counter-clockwise from front left."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    ax, ay = cos * length / 2, sin * length / 2
+    bx, by = -sin * width / 2, cos * width / 2
+    return np.array(
+        [
+            (x + ax + bx, y + ay + by),
+            (x - ax + bx, y - ay + by),
+            (x - ax - bx, y - ay - by),
+            (x + ax - bx, y + ay - by),
+        ]
+    )
+
+
+def boxes_overlap(a: Float64, b: Float64) -> bool:
+    """Separating-axis test of two (4, 2) boxes."""
+    for box in (a, b):
+        for edge in (box[1] - box[0], box[2] - box[1]):
+            axis = np.array((-edge[1], edge[0]))
+            pa, pb = a @ axis, b @ axis
+            if pa.max() < pb.min() or pb.max() < pa.min():
+                return False
+    return True

@@ -1,0 +1,136 @@
+"""Infractions and route completion of one drive, after Bench2Drive's criteria (spec 4.1 to 4.3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
+from raw2drive_ros.simulation.layout import LANE_WIDTH_M
+from raw2drive_ros.simulation.world import DECISION_HZ, World
+
+COLLISION_MEMORY_S = 5.0
+COLLISION_SPEED_MPS = 0.1
+BLOCKED_SPEED_MPS = 0.1
+BLOCKED_LIMIT_S = 60.0
+DEVIATION_LIMIT_M = 30.0
+LANE_TOLERANCE_M = 0.5
+ROUTE_END_M = 10.0
+
+
+@dataclass(slots=True)
+class Criteria:
+    """Watches a world; `step` returns the names of infractions that began in this decision step."""
+
+    events: dict[str, int] = field(default_factory=dict)
+    failure: str = ''
+    travelled_m: float = 0.0
+    outside_m: float = 0.0
+    best_s_m: float = 0.0
+    start_s_m: float | None = None
+    blocked_s: float = 0.0
+    collided_at_s: dict[int, float] = field(default_factory=dict)
+    lights_run: set[int] = field(default_factory=set)
+    signs_run: set[int] = field(default_factory=set)
+    last_front_s_m: float = 0.0
+
+    def step(self, world: World) -> list[str]:
+        if self.start_s_m is None:
+            self.start_s_m = self.best_s_m = self.last_front_s_m = world.scene.route.start_s_m
+            self.last_front_s_m += world.ego.LENGTH / 2
+        happened = self._collisions(world) + self._signals(world)
+        rule = world.scenario.rule(world)
+        if rule and rule not in self.events:
+            happened.append(rule)
+        for name in happened:
+            self.events[name] = self.events.get(name, 0) + 1
+        moved = abs(world.ego.speed) / DECISION_HZ
+        self.travelled_m += moved
+        if not on_road(world):
+            self.outside_m += moved
+        self.best_s_m = max(self.best_s_m, world.route_s_m)
+        self.last_front_s_m = world.front_s_m
+        self.blocked_s = self.blocked_s + 1 / DECISION_HZ if abs(world.ego.speed) < BLOCKED_SPEED_MPS else 0.0
+        if abs(world.route_lateral_m) > DEVIATION_LIMIT_M:
+            self.failure = 'route_deviation'
+        elif self.blocked_s > BLOCKED_LIMIT_S:
+            self.failure = 'blocked'
+        elif world.time_s > time_limit_s(world):
+            self.failure = 'timeout'
+        return happened
+
+    def finished(self, world: World) -> bool:
+        """Has the ego reached the goal?"""
+        return world.goal_s_m - self.best_s_m < ROUTE_END_M
+
+    def route_completion(self, world: World) -> float:
+        """Percent of the route driven; within `ROUTE_END_M` of the goal counts as all of it."""
+        assert self.start_s_m is not None
+        if world.goal_s_m - self.best_s_m < ROUTE_END_M:
+            return 100.0
+        return 100.0 * max(0.0, self.best_s_m - self.start_s_m) / (world.goal_s_m - self.start_s_m)
+
+    @property
+    def outside_percent(self) -> float:
+        return 100.0 * self.outside_m / self.travelled_m if self.travelled_m > 0 else 0.0
+
+    def _collisions(self, world: World) -> list[str]:
+        ego = world.ego
+        own = corners_m(float(ego.position[0]), float(ego.position[1]), ego.heading, ego.LENGTH, ego.WIDTH)
+        found = []
+        for actor in world.actors:
+            delta = actor.position - ego.position
+            if abs(delta[0]) > 7.0 or abs(delta[1]) > 7.0:
+                continue
+            box = corners_m(
+                float(actor.position[0]), float(actor.position[1]), actor.heading, actor.LENGTH, actor.WIDTH
+            )
+            if not boxes_overlap(own, box):
+                continue
+            last = self.collided_at_s.get(id(actor), -math.inf)
+            if abs(ego.speed) < COLLISION_SPEED_MPS or world.time_s - last < COLLISION_MEMORY_S:
+                continue
+            self.collided_at_s[id(actor)] = world.time_s
+            kind = (
+                'pedestrian'
+                if isinstance(actor, Walker) or actor.kind == 'cyclist'
+                else 'static'
+                if isinstance(actor, StandingObject) and not actor.kind.startswith('parked')
+                else 'vehicle'
+            )
+            found.append(f'collision_{kind}')
+        return found
+
+    def _signals(self, world: World) -> list[str]:
+        found = []
+        front, before = world.front_s_m, self.last_front_s_m
+        for i, light in enumerate(world.lights):
+            if i not in self.lights_run and before < light.line_s_m <= front and light.colour == 'red':
+                self.lights_run.add(i)
+                found.append('red_light')
+        for i, sign in enumerate(world.stop_signs):
+            if i not in self.signs_run and before < sign.line_s_m <= front and not sign.obeyed:
+                self.signs_run.add(i)
+                found.append('stop_sign')
+        return found
+
+
+def on_road(world: World) -> bool:
+    """Is the ego within its side of the road (half a lane plus tolerance of the route, or any forward lane)?"""
+    if abs(world.route_lateral_m) < LANE_WIDTH_M / 2 + LANE_TOLERANCE_M:
+        return True
+    lanes = world.scene.layout.forward_lanes
+    if lanes == 1 and not world.scene.route.from_ramp:
+        return False
+    x, y = float(world.ego.position[0]), float(world.ego.position[1])
+    reference = world.road.forward_path_cached()
+    _, lateral = reference.project(x, y)
+    to_right = -(lanes - 0.5) * LANE_WIDTH_M - LANE_TOLERANCE_M
+    return to_right < lateral < LANE_WIDTH_M / 2 + LANE_TOLERANCE_M
+
+
+def time_limit_s(world: World) -> float:
+    """The scene's own limit, or 30 s plus three times the route at its speed limit."""
+    if world.scene.time_limit_s is not None:
+        return world.scene.time_limit_s
+    return 30.0 + 3.0 * world.route.length_m / world.scene.layout.speed_limit_mps

@@ -1,0 +1,197 @@
+"""The driving environment: one highway-env `AbstractEnv` for every scenario type.
+
+10 Hz decisions, 20 Hz physics. `step` takes a `Control` and returns a `Tick`: what the bridge
+publishes, what the collector writes, and what the evaluator shows to a driver are the same object.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.road.road import Road
+
+from raw2drive_ros.actions import nearest_action
+from raw2drive_ros.contract import (
+    CameraCalibration,
+    Control,
+    ImuSample,
+    OdometrySample,
+    Route,
+    SensorFrame,
+)
+from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
+from raw2drive_ros.simulation.bev import BevRenderer
+from raw2drive_ros.simulation.camera_rig import camera_rig
+from raw2drive_ros.simulation.criteria import Criteria
+from raw2drive_ros.simulation.renderer import CameraRenderer
+from raw2drive_ros.simulation.reward import Outcome, RewardModel
+from raw2drive_ros.simulation.scenario import Rng, get_scenario, rng_for
+from raw2drive_ros.simulation.world import DECISION_HZ, PHYSICS_HZ, SUBSTEPS, World
+
+TICK_NS = 1_000_000_000 // DECISION_HZ
+PHYSICS_NS = 1_000_000_000 // PHYSICS_HZ
+CLOCK_START_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationConfig:
+    """image_size: (height, width). supersampling: 1 or 2. imu_noise: standard deviations of
+    accelerometer (m/s2) and gyroscope (rad/s). end_on_infraction: training stops at the first red
+    light, stop sign or collision (paper); evaluation goes on after signs, as Bench2Drive does.
+    """
+
+    image_size: tuple[int, int] = (96, 160)
+    cameras: bool = True
+    bev: bool = True
+    supersampling: int = 2
+    imu_noise: tuple[float, float] = (0.0, 0.0)
+    end_on_infraction: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Everything of one decision tick. Samples hold every physics step since the last tick, oldest first."""
+
+    stamp_ns: int
+    sensors: SensorFrame
+    imu_samples: tuple[ImuSample, ...]
+    odometry_samples: tuple[OdometrySample, ...]
+    route: Route
+    privileged: PrivilegedFrame | None
+    transition: Transition
+    info: dict[str, Any] = field(default_factory=dict)
+
+
+class DrivingEnv(AbstractEnv):
+    """reset(seed, options={'scenario': name}) and step(control), both giving a `Tick`."""
+
+    def __init__(self, config: SimulationConfig | None = None) -> None:
+        self.simulation = config or SimulationConfig()
+        self.rig: tuple[CameraCalibration, ...] = camera_rig(*self.simulation.image_size)
+        self.renderer = CameraRenderer(self.rig, self.simulation.supersampling)
+        self.world: World | None = None
+        self.clock_ns = CLOCK_START_NS - TICK_NS
+        self.noise_rng: Rng = np.random.default_rng(0)
+        gym.Env.__init__(self)
+        self.config = {'policy_frequency': DECISION_HZ, 'simulation_frequency': PHYSICS_HZ}
+        self.render_mode = None
+        self.viewer = None
+        self.controlled_vehicles: list[Any] = []
+        self.define_spaces()
+
+    def define_spaces(self) -> None:
+        """throttle, brake, steer, reverse; observations are `Tick` objects, not arrays."""
+        self.action_space = gym.spaces.Box(
+            np.array([0, 0, -1, 0], np.float32), np.array([1, 1, 1, 1], np.float32)
+        )
+        self.observation_space = gym.spaces.Dict({})
+
+    def reset(  # type: ignore[override]
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Tick, dict[str, Any]]:
+        """Start scenario `options['scenario']` (default LaneFollowing) with `seed` (default 0)."""
+        name = (options or {}).get('scenario', 'LaneFollowing')
+        seed = 0 if seed is None else int(seed)
+        rng = rng_for(name, seed)
+        self.world = World(get_scenario(name), rng)
+        self.road = Road(
+            self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32)
+        )
+        self.controlled_vehicles = [self.world.ego]
+        self.noise_rng = rng
+        self.scenario_name, self.seed_used = name, seed
+        self.criteria = Criteria()
+        self.criteria.step(self.world)
+        self.rewards = RewardModel(self.world)
+        if self.simulation.cameras:
+            self.renderer.new_world(self.world)
+        self.bev = BevRenderer(self.world) if self.simulation.bev else None
+        self.clock_ns += TICK_NS
+        self.route = Route(self.clock_ns, self.world.checkpoints_m())
+        self.done = False
+        imu, odometry = self._sample(self.clock_ns)
+        first = Transition(self.clock_ns, -1, 0.0, {}, True, False, False)
+        tick = self._tick((imu,), (odometry,), first, {})
+        return tick, tick.info
+
+    def step(  # type: ignore[override]
+        self, action: Control
+    ) -> tuple[Tick, float, bool, bool, dict[str, Any]]:
+        """One decision: two physics steps, reward, criteria. Raises after the episode's end."""
+        if self.world is None or self.done:
+            raise RuntimeError('DrivingEnv.step: the episode is over; call reset')
+        control = action.validate()
+        imus, odometries = [], []
+        for _ in range(SUBSTEPS):
+            self.world.step(control)
+            self.clock_ns += PHYSICS_NS
+            imu, odometry = self._sample(self.clock_ns)
+            imus.append(imu)
+            odometries.append(odometry)
+        happened = self.criteria.step(self.world)
+        outcome = self.rewards.step(self.world, happened)
+        terminated, truncated = self._ends(outcome, happened)
+        self.done = terminated or truncated
+        transition = Transition(
+            self.clock_ns,
+            nearest_action(control),
+            outcome.reward,
+            outcome.terms,
+            False,
+            terminated,
+            self.done,
+        )
+        info = {
+            'infractions': happened,
+            'cause': outcome.cause or self.criteria.failure,
+            'target_speed_mps': outcome.target_speed_mps,
+            'reward_terms': outcome.terms,
+        }
+        tick = self._tick(tuple(imus), tuple(odometries), transition, info)
+        return tick, outcome.reward, terminated, truncated, info
+
+    def _ends(self, outcome: Outcome, happened: list[str]) -> tuple[bool, bool]:
+        """(terminated, truncated)."""
+        assert self.world is not None
+        if outcome.truncated or self.criteria.finished(self.world):
+            return False, True
+        if self.simulation.end_on_infraction:
+            if outcome.terminal:
+                return True, False
+            return False, bool(self.criteria.failure)
+        collided = any(name.startswith('collision') for name in happened)
+        return collided or bool(self.criteria.failure), False
+
+    def _sample(self, stamp_ns: int) -> tuple[ImuSample, OdometrySample]:
+        assert self.world is not None
+        noise = (0.0,) * 6
+        accelerometer, gyroscope = self.simulation.imu_noise
+        if accelerometer or gyroscope:
+            drawn = self.noise_rng.standard_normal(6)
+            noise = tuple(drawn * ([accelerometer] * 3 + [gyroscope] * 3))
+        return self.world.ego.imu(stamp_ns, noise), self.world.ego.odometry(stamp_ns)
+
+    def _tick(
+        self,
+        imus: tuple[ImuSample, ...],
+        odometries: tuple[OdometrySample, ...],
+        transition: Transition,
+        info: dict[str, Any],
+    ) -> Tick:
+        assert self.world is not None
+        images = self.renderer.render() if self.simulation.cameras else {}
+        privileged = None
+        if self.bev is not None:
+            ego = self.world.ego
+            vector = (ego.speed, ego.steer, ego.throttle, ego.brake, ego.yaw_rate)
+            privileged = PrivilegedFrame(
+                self.clock_ns, self.bev.render(), np.array(vector, np.float32)
+            )
+        sensors = SensorFrame(self.clock_ns, images, imus[-1], odometries[-1])
+        return Tick(
+            self.clock_ns, sensors, imus, odometries, self.route, privileged, transition, info
+        )

@@ -1,0 +1,56 @@
+"""How a scenario declares its roads: a chain of pieces laid one after another, like model railway track."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+LANE_WIDTH_M = 3.5
+ARM_LENGTH_M = 60.0
+CORNER_RADIUS_M = 7.0
+
+
+@dataclass(frozen=True, slots=True)
+class Straight:
+    """A straight piece; `ramp` adds an acceleration lane on the right with a ramp that leads into it."""
+
+    length_m: float
+    ramp: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """An arc; positive angles turn left."""
+
+    radius_m: float
+    angle_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Junction:
+    """A junction that the chain leaves by `turn`; `arms` lists every arm but the one it comes from."""
+
+    turn: str = 'ahead'
+    arms: tuple[str, ...] = ('left', 'right', 'ahead')
+    control: str = 'none'
+
+    def __post_init__(self) -> None:
+        known = {'left', 'right', 'ahead'}
+        if self.turn not in self.arms or not set(self.arms) <= known:
+            raise ValueError(f'Junction: turn {self.turn!r} must be one of arms {self.arms}, all in {known}')
+        if self.control not in ('none', 'light', 'stop', 'yield'):
+            raise ValueError(f'Junction: unknown control {self.control!r}')
+
+
+Piece = Straight | Curve | Junction
+
+
+@dataclass(frozen=True, slots=True)
+class RoadLayout:
+    """Cross-section and pieces. Lane 0 is the one next to the centre line; ids grow to the right."""
+
+    pieces: tuple[Piece, ...]
+    forward_lanes: int = 1
+    backward_lanes: int = 1
+    speed_limit_mps: float = 10.0
+    shoulder_m: float = 0.5
+    zebras_m: tuple[float, ...] = ()

@@ -1,0 +1,93 @@
+"""Arc-length parametrised polylines: what the ego's route and all traffic follow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from raw2drive_ros.contract import Float64
+
+SPACING_M = 0.5
+
+
+class Path:
+    """A polyline in `map`, resampled to equal steps of `SPACING_M`.
+
+    points_m: (N, 2). headings_rad: (N,), unwrapped, so that interpolation is safe.
+    Lateral offsets are positive to the left.
+    """
+
+    def __init__(self, points_m: Float64) -> None:
+        steps = np.hypot(*np.diff(points_m, axis=0).T)
+        keep = np.concatenate(([True], steps > 1e-6))
+        points_m = points_m[keep]
+        distance = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))))
+        count = max(2, int(distance[-1] / SPACING_M) + 1)
+        wanted = np.arange(count) * SPACING_M
+        self.points_m: Float64 = np.stack(
+            [np.interp(wanted, distance, points_m[:, axis]) for axis in (0, 1)], axis=1
+        )
+        tangents = np.gradient(self.points_m, axis=0)
+        self.headings_rad: Float64 = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
+        self.length_m = float(wanted[-1])
+        # Python floats: scalar look-ups are the simulator's hottest leaf, and lists beat arrays there.
+        self._x = self.points_m[:, 0].tolist()
+        self._y = self.points_m[:, 1].tolist()
+        self._heading = self.headings_rad.tolist()
+
+    def pose(self, s_m: float, lateral_m: float = 0.0) -> tuple[float, float, float]:
+        """(x, y, yaw) at arc length `s_m`; straight extrapolation beyond both ends."""
+        last = len(self._x) - 2
+        index = min(max(int(s_m / SPACING_M), 0), last)
+        part = s_m / SPACING_M - index
+        x = self._x[index] + part * (self._x[index + 1] - self._x[index])
+        y = self._y[index] + part * (self._y[index + 1] - self._y[index])
+        blend = min(max(part, 0.0), 1.0)
+        yaw = self._heading[index] + blend * (self._heading[index + 1] - self._heading[index])
+        return x - lateral_m * math.sin(yaw), y + lateral_m * math.cos(yaw), yaw
+
+    def project(
+        self, x_m: float, y_m: float, hint_s_m: float | None = None, window_m: float = 15.0
+    ) -> tuple[float, float]:
+        """(arc length, signed lateral offset) of the nearest point, near `hint_s_m` when given."""
+        if hint_s_m is None:
+            first, last = 0, len(self._x)
+        else:
+            first = max(0, int((hint_s_m - window_m) / SPACING_M))
+            last = min(len(self._x), int((hint_s_m + window_m) / SPACING_M) + 2)
+            first = min(first, last - 2)
+        delta_x = self.points_m[first:last, 0] - x_m
+        delta_y = self.points_m[first:last, 1] - y_m
+        index = first + int(np.argmin(delta_x * delta_x + delta_y * delta_y))
+        yaw = self._heading[index]
+        ahead_x, ahead_y = x_m - self._x[index], y_m - self._y[index]
+        along = ahead_x * math.cos(yaw) + ahead_y * math.sin(yaw)
+        lateral = -ahead_x * math.sin(yaw) + ahead_y * math.cos(yaw)
+        return index * SPACING_M + along, lateral
+
+    def window(self, s_m: float, ahead_m: float) -> Float64:
+        """(M, 2) points from `s_m` to `s_m + ahead_m`, 1 m apart."""
+        first = max(0, int(s_m / SPACING_M))
+        return self.points_m[first : first + int(ahead_m / SPACING_M) : 2]
+
+    def curvature(self, s_m: float, ahead_m: float) -> float:
+        """Largest |curvature| (1/m) between `s_m` and `s_m + ahead_m`, over 2 m chords."""
+        first = max(0, int(s_m / SPACING_M))
+        headings = self.headings_rad[first : first + int(ahead_m / SPACING_M) + 5]
+        if len(headings) < 6:
+            return 0.0
+        return float(np.max(np.abs(headings[4:] - headings[:-4]))) / (4 * SPACING_M)
+
+    def shifted(self, lateral_at: Callable[[float], float]) -> Path:
+        """The path moved sideways by `lateral_at(s)` metres to the left (lane changes, drifting)."""
+        offsets = np.array([lateral_at(i * SPACING_M) for i in range(len(self._x))])
+        normal = np.stack([-np.sin(self.headings_rad), np.cos(self.headings_rad)], axis=1)
+        return Path(self.points_m + offsets[:, None] * normal)
+
+
+def smooth_step(value: float, start: float, width: float) -> float:
+    """0 before `start`, 1 after `start + width`, a cubic in between."""
+    part = min(max((value - start) / max(width, 1e-9), 0.0), 1.0)
+    return part * part * (3.0 - 2.0 * part)

@@ -1,0 +1,176 @@
+"""How a scenario is declared: a `Scene` drawn from a seeded generator, and a registry by name.
+
+A new scenario type is one function in `scenarios/`, registered under its Bench2Drive name.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from raw2drive_ros.simulation.actors import Script
+from raw2drive_ros.simulation.layout import RoadLayout
+
+if TYPE_CHECKING:
+    from raw2drive_ros.simulation.world import World
+
+Rng = np.random.Generator
+DRAW_ATTEMPTS = 50
+
+
+class UnknownScenarioError(KeyError):
+    """No scenario of that name; the message lists the known ones."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+@dataclass(frozen=True, slots=True)
+class LaneChange:
+    """Move the route to lane `to_lane` between `s_m` and `s_m + over_m`."""
+
+    s_m: float
+    to_lane: int
+    over_m: float = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class RouteSpec:
+    """The ego's route: along the forward chain (or from the ramp), in a lane, with lane changes."""
+
+    lane: int = 0
+    changes: tuple[LaneChange, ...] = ()
+    from_ramp: bool = False
+    start_s_m: float = 6.0
+    start_speed_mps: float = 0.0
+    end_before_m: float = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficSpec:
+    """One vehicle on a path: `forward` (a lane of the ego's road), `backward`, `ramp`, or a crossing
+    (`('left', 'right')`, ...) of junction `junction`. `s_m` is along that path."""
+
+    on: str | tuple[str, str]
+    s_m: float
+    speed_mps: float
+    lane: int = 0
+    target_speed_mps: float | None = None
+    kind: str = 'car'
+    scripts: tuple[Script, ...] = ()
+    heedless: bool = False
+    junction: int = 0
+    obeys_light: bool = False
+    lateral_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class WalkerSpec:
+    """A pedestrian beside the route at `s_m`, who crosses from `from_m` to `to_m` (left positive)."""
+
+    s_m: float
+    from_m: float
+    to_m: float
+    speed_mps: float
+    trigger_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class StandingSpec:
+    """A parked car, barrier or cone at (`s_m`, `lateral_m`) of the route, turned by `yaw_rad`."""
+
+    kind: str
+    s_m: float
+    lateral_m: float
+    yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class LightSpec:
+    """A traffic light at junction `junction` for the ego's approach."""
+
+    junction: int
+    phases: tuple[tuple[str, float], ...]
+    trigger_m: float = 45.0
+
+
+@dataclass(frozen=True, slots=True)
+class StopSignSpec:
+    junction: int
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """One draw of a scenario: everything that the world is built from."""
+
+    layout: RoadLayout
+    route: RouteSpec = RouteSpec()
+    actors: tuple[TrafficSpec | WalkerSpec | StandingSpec, ...] = ()
+    lights: tuple[LightSpec, ...] = ()
+    stop_signs: tuple[StopSignSpec, ...] = ()
+    time_limit_s: float | None = None
+
+
+def no_extra_rule(world: World) -> str | None:
+    """The default success rule: nothing beyond the common criteria."""
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A named scenario type. `rule` returns the name of an infraction of its own, or None."""
+
+    name: str
+    abilities: tuple[str, ...]
+    draw: Callable[[Rng], Scene]
+    rule: Callable[[World], str | None] = no_extra_rule
+    description: str = field(default='', compare=False)
+
+
+REGISTRY: dict[str, Scenario] = {}
+
+
+def scenario(
+    name: str,
+    *abilities: str,
+    rule: Callable[[World], str | None] = no_extra_rule,
+) -> Callable[[Callable[[Rng], Scene]], Callable[[Rng], Scene]]:
+    """Register the decorated draw function as scenario type `name`."""
+
+    def register(draw: Callable[[Rng], Scene]) -> Callable[[Rng], Scene]:
+        if name in REGISTRY:
+            raise ValueError(f'scenario {name} is registered twice')
+        summary = (draw.__doc__ or '').strip().splitlines()
+        REGISTRY[name] = Scenario(name, abilities, draw, rule, summary[0] if summary else '')
+        return draw
+
+    return register
+
+
+def load_scenarios() -> dict[str, Scenario]:
+    """Every scenario type by name; importing a module of `scenarios/` registers its types."""
+    from raw2drive_ros.simulation import scenarios
+
+    for module in sorted(m.name for m in pkgutil.iter_modules(scenarios.__path__)):
+        importlib.import_module(f'{scenarios.__name__}.{module}')
+    return dict(sorted(REGISTRY.items()))
+
+
+def get_scenario(name: str) -> Scenario:
+    known = load_scenarios()
+    if name not in known:
+        raise UnknownScenarioError(
+            f'unknown scenario {name!r}; known: {", ".join(known)} (see `raw2drive sim --list`)'
+        )
+    return known[name]
+
+
+def rng_for(name: str, seed: int) -> Rng:
+    """The generator of one (scenario, seed): the same on every machine and in every process."""
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])

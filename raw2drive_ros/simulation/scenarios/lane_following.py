@@ -1,0 +1,31 @@
+"""Empty roads with curves and junction turns: the first thing a driver has to learn."""
+
+from __future__ import annotations
+
+import math
+
+from raw2drive_ros.simulation.layout import Curve, Junction, Piece, RoadLayout, Straight
+from raw2drive_ros.simulation.scenario import Rng, Scene, scenario
+
+
+def _winding_pieces(rng: Rng, sections: int) -> tuple[Piece, ...]:
+    pieces: list[Piece] = [Straight(float(rng.uniform(25, 45)))]
+    for i in range(sections):
+        if i % 2 == (0 if sections > 2 else int(rng.integers(0, 2))):
+            radius = float(rng.uniform(18, 60))
+            angle = math.radians(float(rng.uniform(30, 90))) * float(rng.choice((-1, 1)))
+            pieces += [Curve(radius, angle), Straight(float(rng.uniform(15, 35)))]
+        else:
+            turn = str(rng.choice(('left', 'right', 'ahead')))
+            others = [arm for arm in ('left', 'right', 'ahead') if arm != turn]
+            drop = str(rng.choice([*others, 'none']))
+            arms = tuple(arm for arm in ('left', 'right', 'ahead') if arm != drop)
+            pieces += [Junction(turn, arms), Straight(float(rng.uniform(20, 40)))]
+    return tuple(pieces)
+
+
+@scenario('LaneFollowing')
+def lane_following(rng: Rng) -> Scene:
+    """Curves and junction turns on an empty two-way road."""
+    pieces = _winding_pieces(rng, sections=4)
+    return Scene(RoadLayout(pieces, 1, 1, speed_limit_mps=float(rng.uniform(7, 11))))

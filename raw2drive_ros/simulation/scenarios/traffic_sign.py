@@ -1,0 +1,44 @@
+"""Traffic signs and lights: what the paint and the poles ask for."""
+
+from __future__ import annotations
+
+from raw2drive_ros.simulation.layout import Junction, RoadLayout, Straight
+from raw2drive_ros.simulation.scenario import (
+    LightSpec,
+    RouteSpec,
+    Rng,
+    Scene,
+    StopSignSpec,
+    TrafficSpec,
+    scenario,
+)
+
+
+def _turn(rng: Rng) -> str:
+    return str(rng.choice(('left', 'right', 'ahead')))
+
+
+@scenario('VanillaSignalizedTurnEncounterRedLight', 'TrafficSign')
+def red_light(rng: Rng) -> Scene:
+    """The light is red, then turns green; cross traffic uses the red phase."""
+    crossing = tuple(
+        TrafficSpec(('left', 'right'), float(s), 7.0, obeys_light=True) for s in (15, 32)
+    )
+    light = LightSpec(0, (('red', float(rng.uniform(5, 10))), ('green', 60.0)))
+    layout = RoadLayout((Straight(70), Junction(_turn(rng), control='light'), Straight(60)), 1, 1, 9.0)
+    return Scene(layout, RouteSpec(start_speed_mps=4.0), crossing, (light,))
+
+
+@scenario('VanillaSignalizedTurnEncounterGreenLight', 'TrafficSign')
+def green_light(rng: Rng) -> Scene:
+    """The light stays green: no reason to stop."""
+    light = LightSpec(0, (('green', 60.0),))
+    layout = RoadLayout((Straight(70), Junction(_turn(rng), control='light'), Straight(60)), 1, 1, 9.0)
+    return Scene(layout, RouteSpec(start_speed_mps=4.0), (), (light,))
+
+
+@scenario('VanillaNonSignalizedTurnEncounterStopsign', 'TrafficSign')
+def stop_sign(rng: Rng) -> Scene:
+    """A stop sign before a junction turn."""
+    layout = RoadLayout((Straight(70), Junction(_turn(rng), control='stop'), Straight(60)), 1, 1, 9.0)
+    return Scene(layout, RouteSpec(start_speed_mps=4.0), (), (), (StopSignSpec(0),))

@@ -1,0 +1,232 @@
+"""One episode's world: built from a `Scene`, stepped at physics rate. No images, no reward."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from raw2drive_ros.contract import Control, Float64
+from raw2drive_ros.simulation.actors import Actor, PathVehicle, StandingObject, Walker
+from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
+from raw2drive_ros.simulation.layout import LANE_WIDTH_M, Straight
+from raw2drive_ros.simulation.path import Path, smooth_step
+from raw2drive_ros.simulation.roads import LayoutError, RoadMap, build_road
+from raw2drive_ros.simulation.scenario import (
+    DRAW_ATTEMPTS,
+    LightSpec,
+    Rng,
+    Scenario,
+    Scene,
+    StandingSpec,
+    TrafficSpec,
+    WalkerSpec,
+)
+from raw2drive_ros.simulation.signals import StopSign, TrafficLight
+
+PHYSICS_HZ = 20
+DECISION_HZ = 10
+SUBSTEPS = PHYSICS_HZ // DECISION_HZ
+HISTORY_TICKS = 16
+CURVE_LATERAL_MPS2 = 3.0
+CURVE_BRAKING_MPS2 = 2.0
+CHECKPOINT_SPACING_M = 25.0
+
+
+class World:
+    """positions, headings, ...: arrays over `actors` plus the ego as the last row, refreshed each step."""
+
+    def __init__(self, scenario: Scenario, rng: Rng, parameters: EgoParameters | None = None) -> None:
+        self.scenario = scenario
+        self.scene, self.road = _draw(scenario, rng)
+        self.route = _route_path(self.scene, self.road)
+        self.speed_limits = _speed_profile(self.route, self.scene.layout.speed_limit_mps)
+        start = self.scene.route
+        x, y, yaw = self.route.pose(start.start_s_m)
+        self.ego = EgoVehicle(x, y, yaw, start.start_speed_mps, parameters or EgoParameters())
+        self.route_s_m, self.route_lateral_m = start.start_s_m, 0.0
+        self.goal_s_m = self.route.length_m - start.end_before_m
+        self.time_s = 0.0
+        self.physics_ticks = 0
+        self.lights = [self._light(spec) for spec in self.scene.lights]
+        self.stop_signs = [self._stop_sign(spec.junction) for spec in self.scene.stop_signs]
+        self.actors: list[Actor] = [self._actor(spec, rng) for spec in self.scene.actors]
+        self.history: deque[tuple[list[Actor], Float64]] = deque(maxlen=HISTORY_TICKS)
+        self.ego_history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_TICKS)
+        self.light_history: deque[tuple[str, ...]] = deque(maxlen=HISTORY_TICKS)
+        self._refresh()
+
+    # -- stepping ---------------------------------------------------------------------------------
+
+    def step(self, control: Control) -> None:
+        """One physics step of 1 / PHYSICS_HZ: everybody decides on the same world, then moves."""
+        dt = 1.0 / PHYSICS_HZ
+        self.ego.command = control
+        for actor in self.actors:
+            actor.think(self)
+        self.ego.step(dt)
+        for actor in self.actors:
+            actor.step(dt)
+        self.physics_ticks += 1
+        self.time_s = self.physics_ticks / PHYSICS_HZ
+        self.actors = [actor for actor in self.actors if not actor.gone]
+        self.route_s_m, self.route_lateral_m = self.route.project(
+            float(self.ego.position[0]), float(self.ego.position[1]), self.route_s_m
+        )
+        for light in self.lights:
+            light.update(self.time_s, self.front_s_m)
+        for sign in self.stop_signs:
+            sign.update(self.front_s_m, self.ego.speed)
+        self._refresh()
+
+    @property
+    def front_s_m(self) -> float:
+        """Arc length of the ego's front bumper on the route."""
+        return self.route_s_m + self.ego.LENGTH / 2
+
+    def speed_limit_at(self, s_m: float) -> float:
+        index = min(max(int(s_m * 2), 0), len(self.speed_limits) - 1)
+        return float(self.speed_limits[index])
+
+    def checkpoints_m(self) -> Float64:
+        """(N, 2) sparse route for the driver: a point every `CHECKPOINT_SPACING_M`, and the goal."""
+        stations = np.append(np.arange(0.0, self.goal_s_m, CHECKPOINT_SPACING_M), self.goal_s_m)
+        return np.array([self.route.pose(float(s))[:2] for s in stations])
+
+    def index_of(self, actor: Actor) -> int:
+        return self._index[id(actor)]
+
+    def _refresh(self) -> None:
+        everything = [*self.actors, self.ego]
+        self._index = {id(actor): i for i, actor in enumerate(everything)}
+        self.positions = np.array([a.position for a in everything])
+        self.headings = np.array([a.heading for a in everything])
+        self.speeds = np.array([a.speed for a in everything])
+        self.half_widths = np.array([a.WIDTH / 2 for a in everything])
+        self.half_lengths = np.array([a.LENGTH / 2 for a in everything])
+        poses = np.column_stack([self.positions, self.headings])
+        self.history.appendleft((list(self.actors), poses[:-1]))
+        self.ego_history.appendleft((poses[-1, 0], poses[-1, 1], poses[-1, 2]))
+        self.light_history.appendleft(tuple(light.colour for light in self.lights))
+
+    # -- building ---------------------------------------------------------------------------------
+
+    def _light(self, spec: LightSpec) -> TrafficLight:
+        entry, pole = self._junction_entry(spec.junction, beyond=True)
+        return TrafficLight(entry, spec.phases, spec.trigger_m, pole)
+
+    def _stop_sign(self, junction: int) -> StopSign:
+        entry, pole = self._junction_entry(junction, beyond=False)
+        return StopSign(entry, pole)
+
+    def _junction_entry(self, junction: int, *, beyond: bool) -> tuple[float, tuple[float, float, float]]:
+        """Stop line on the route, and a pole right of the road before it, or beyond the junction."""
+        site = self.road.junctions[junction]
+        cos, sin = math.cos(site.heading_rad), math.sin(site.heading_rad)
+        back = -site.half_size_m
+        x, y = site.centre_m[0] + back * cos, site.centre_m[1] + back * sin
+        line_s, _ = self.route.project(x, y)
+        along = site.half_size_m + 1.0 if beyond else back - 1.0
+        aside = -(self.scene.layout.forward_lanes * LANE_WIDTH_M + 1.5)
+        pole = (
+            site.centre_m[0] + along * cos - aside * sin,
+            site.centre_m[1] + along * sin + aside * cos,
+            site.heading_rad + math.pi,
+        )
+        return line_s - 0.6, pole
+
+    def _actor(self, spec: TrafficSpec | WalkerSpec | StandingSpec, rng: Rng) -> Actor:
+        colour = int(rng.integers(0, 8))
+        if isinstance(spec, WalkerSpec):
+            return Walker(
+                self.route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.trigger_m, colour
+            )
+        if isinstance(spec, StandingSpec):
+            x, y, yaw = self.route.pose(spec.s_m, spec.lateral_m)
+            return StandingObject(x, y, yaw + spec.yaw_rad, spec.kind, colour)
+        path = self._traffic_path(spec)
+        waits = ()
+        if spec.obeys_light and self.lights:
+            light = self.lights[0]
+            if isinstance(spec.on, tuple) and spec.on[0] in ('left', 'right'):
+                entry = path.length_m - self._length_after_inlet(spec, path)
+                waits = ((entry, lambda: light.colour != 'red'),)
+            else:
+                waits = ((light.line_s_m, lambda: light.colour != 'green'),)
+        target = spec.speed_mps if spec.target_speed_mps is None else spec.target_speed_mps
+        return PathVehicle(
+            path,
+            spec.s_m,
+            spec.speed_mps,
+            target,
+            spec.kind,
+            colour,
+            spec.scripts,
+            spec.heedless,
+            waits,
+            spec.lateral_m,
+        )
+
+    def _length_after_inlet(self, spec: TrafficSpec, path: Path) -> float:
+        """Length of a crossing path from its stop line on."""
+        site = self.road.junctions[spec.junction]
+        arm = spec.on[0]
+        turn = {'left': math.pi / 2, 'right': -math.pi / 2}[arm]
+        yaw = site.heading_rad + turn
+        x = site.centre_m[0] + (site.half_size_m + 0.6) * math.cos(yaw)
+        y = site.centre_m[1] + (site.half_size_m + 0.6) * math.sin(yaw)
+        return path.length_m - path.project(x, y)[0]
+
+    def _traffic_path(self, spec: TrafficSpec) -> Path:
+        if spec.on == 'forward':
+            return self.road.forward_path(spec.lane)
+        if spec.on == 'backward':
+            return self.road.backward_path(spec.lane)
+        if spec.on == 'ramp':
+            return self.road.ramp_path()
+        source, target = spec.on
+        return self.road.crossing_path(spec.junction, source, target, spec.lane)
+
+
+def _draw(scenario: Scenario, rng: Rng) -> tuple[Scene, RoadMap]:
+    """Draw until the road does not run into itself; the generator's state carries on, so it stays seeded."""
+    for _ in range(DRAW_ATTEMPTS):
+        scene = scenario.draw(rng)
+        try:
+            return scene, build_road(scene.layout)
+        except LayoutError:
+            continue
+    raise LayoutError(f'{scenario.name}: no drivable layout in {DRAW_ATTEMPTS} draws')
+
+
+def _route_path(scene: Scene, road: RoadMap) -> Path:
+    spec = scene.route
+    if spec.from_ramp:
+        return road.ramp_path()
+    path = road.forward_path(spec.lane)
+    if not spec.changes:
+        return path
+    if not all(isinstance(piece, Straight) for piece in scene.layout.pieces):
+        raise ValueError('RouteSpec: lane changes need straight pieces')
+
+    def lateral(s_m: float) -> float:
+        lane, offset = spec.lane, 0.0
+        for change in spec.changes:
+            offset -= (change.to_lane - lane) * LANE_WIDTH_M * smooth_step(s_m, change.s_m, change.over_m)
+            lane = change.to_lane
+        return offset
+
+    return path.shifted(lateral)
+
+
+def _speed_profile(route: Path, limit_mps: float) -> Float64:
+    """Advised speed every 0.5 m: the limit, less in curves, with braking distance before them."""
+    headings = route.headings_rad
+    curvature = np.abs(np.gradient(headings, 0.5))
+    kernel = np.ones(9) / 9
+    curvature = np.convolve(np.pad(curvature, 4, mode='edge'), kernel, mode='valid')
+    speed = np.minimum(limit_mps, np.sqrt(CURVE_LATERAL_MPS2 / np.maximum(curvature, 1e-3)))
+    for i in range(len(speed) - 2, -1, -1):
+        speed[i] = min(speed[i], math.sqrt(speed[i + 1] ** 2 + 2 * CURVE_BRAKING_MPS2 * 0.5))
+    return speed
