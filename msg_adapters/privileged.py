@@ -1,0 +1,97 @@
+"""Privileged topics: BEV masks, ego vector, transitions. For training only; the planner cannot import this."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_adapters.factory import MessageFactory, fill_bytes
+from msg_adapters.named_values import named_values_from_message, named_values_to_message
+from msg_adapters.sensors import BASE_FRAME
+from msg_adapters.stamps import set_stamp, stamp_ns
+from raw2drive_ros.contract import ContractError
+from raw2drive_ros.privileged_contract import EGO_FIELDS, PrivilegedFrame, Transition
+
+_FORMAT = re.compile(r'bev_bits; shape=(\d+)x(\d+)x(\d+); packing=channel_major_msb_first')
+_TERM_PREFIX = 'reward/'
+
+
+def bev_to_message(factory: MessageFactory, bev: NDArray[np.bool_], time_ns: int) -> Any:
+    """(C, H, W) masks as one bit each; `format` names the shape and the packing."""
+    packed = np.packbits(bev.reshape(bev.shape[0], -1), axis=1)
+    message = factory.new('sensor_msgs/msg/CompressedImage')
+    set_stamp(message.header.stamp, time_ns)
+    message.header.frame_id = BASE_FRAME
+    shape = 'x'.join(str(n) for n in bev.shape)
+    message.format = f'bev_bits; shape={shape}; packing=channel_major_msb_first'
+    message.data = factory.byte_buffer(packed.size)
+    fill_bytes(message.data, packed)
+    return message
+
+
+def bev_from_message(message: Any) -> NDArray[np.bool_]:
+    """(C, H, W) bool. Raises ContractError for another format or a wrong size."""
+    matched = _FORMAT.fullmatch(message.format)
+    if not matched:
+        raise ContractError(f'BEV masks: unknown format {message.format!r}')
+    channels, height, width = (int(n) for n in matched.groups())
+    packed = np.frombuffer(message.data, np.uint8)
+    if packed.size != channels * ((height * width + 7) // 8):
+        raise ContractError(f'BEV masks: {packed.size} bytes for {channels}x{height}x{width}')
+    bits = np.unpackbits(packed.reshape(channels, -1), axis=1, count=height * width)
+    return bits.view(np.bool_).reshape(channels, height, width)
+
+
+def ego_to_message(factory: MessageFactory, frame: PrivilegedFrame) -> Any:
+    values = dict(zip(EGO_FIELDS, (float(v) for v in frame.ego), strict=True))
+    return named_values_to_message(factory, values, frame.stamp_ns, BASE_FRAME)
+
+
+def privileged_from_messages(bev: Any, ego: Any) -> PrivilegedFrame:
+    """Raises ContractError when the stamps differ or anything is missing."""
+    time_ns = stamp_ns(bev.header.stamp)
+    if stamp_ns(ego.header.stamp) != time_ns:
+        raise ContractError('privileged frame: BEV and ego vector have different stamps')
+    values = named_values_from_message(ego, *EGO_FIELDS)
+    vector = np.array([values[name] for name in EGO_FIELDS], np.float32)
+    return PrivilegedFrame(time_ns, bev_from_message(bev), vector).validate()
+
+
+def transition_to_message(factory: MessageFactory, transition: Transition, episode: str) -> Any:
+    """episode: 'scenario/seed', kept in the header's frame_id."""
+    values = {
+        'action': float(transition.action),
+        'reward': transition.reward,
+        'is_first': float(transition.is_first),
+        'is_terminal': float(transition.is_terminal),
+        'is_last': float(transition.is_last),
+    }
+    values |= {_TERM_PREFIX + name: value for name, value in transition.reward_terms.items()}
+    return named_values_to_message(factory, values, transition.stamp_ns, episode)
+
+
+def transition_from_message(message: Any) -> tuple[Transition, str]:
+    """(transition, 'scenario/seed'). Raises ContractError where a field is missing."""
+    values = named_values_from_message(
+        message, 'action', 'reward', 'is_first', 'is_terminal', 'is_last'
+    )
+    terms = {
+        name.removeprefix(_TERM_PREFIX): value
+        for name, value in values.items()
+        if name.startswith(_TERM_PREFIX)
+    }
+    return (
+        Transition(
+            stamp_ns(message.header.stamp),
+            int(values['action']),
+            values['reward'],
+            terms,
+            values['is_first'] > 0.5,
+            values['is_terminal'] > 0.5,
+            values['is_last'] > 0.5,
+        ),
+        str(message.header.frame_id),
+    )

@@ -1,0 +1,37 @@
+"""Drivers that need no learning. `random` and `straight` are controls for scores; both see no sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from raw2drive_ros.actions import ACTION_COUNT, ACTIONS, nearest_action
+from raw2drive_ros.contract import Control, Decision, Route, SensorFrame
+
+
+class RandomDriver:
+    """A new uniform action every decision, seeded by the route."""
+
+    name = 'random'
+
+    def __init__(self, seed: int = 0) -> None:
+        self.seed = seed
+
+    def reset(self) -> None:
+        self.rng = np.random.default_rng(self.seed)
+
+    def drive(self, frame: SensorFrame, route: Route) -> Decision:
+        action = int(self.rng.integers(ACTION_COUNT))
+        return Decision(frame.stamp_ns, ACTIONS[action], action)
+
+
+class StraightDriver:
+    """Gentle throttle, wheel straight."""
+
+    name = 'straight'
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def drive(self, frame: SensorFrame, route: Route) -> Decision:
+        control = Control(0.3)
+        return Decision(frame.stamp_ns, control, nearest_action(control))

@@ -1,0 +1,1 @@
+"""Closed-loop evaluation: routes, drivers on them, scores, reports. Simulation inside, no ROS."""

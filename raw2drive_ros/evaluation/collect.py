@@ -1,0 +1,108 @@
+"""The in-process collector: drives episodes and writes the same bags that the graph's recorder writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from msg_adapters.commands import decision_to_message
+from msg_adapters.factory import RosbagsFactory
+from raw2drive_ros import topics
+from raw2drive_ros.actions import nearest_action
+from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.evaluation.rule_driver import RuleDriver
+from raw2drive_ros.recording.bag_writer import BagWriter
+from raw2drive_ros.recording.tick_messages import TickMessages
+from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
+
+# Collection seeds start here, so that no collected route is an evaluation route (seeds 0 ... 9,999).
+TRAIN_SEED_START = 100_000
+MAX_TICKS = 1200
+
+EpisodeDriver = Callable[[DrivingEnv, Tick], Control]
+
+
+@dataclass(frozen=True, slots=True)
+class CollectConfig:
+    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many."""
+
+    scenarios: tuple[str, ...]
+    ticks: int
+    seed: int = 0
+    cameras: bool = True
+    episode_ticks: int = 400
+    bag_ticks: int = 2000
+
+
+def rule_episode(seed: int, noise: float) -> EpisodeDriver:
+    """A fresh rule driver, half of the time with noise."""
+    rng = np.random.default_rng(seed)
+    driver = RuleDriver(rng, noise if rng.random() < 0.75 else 0.0)
+
+    def drive(env: DrivingEnv, tick: Tick) -> Control:
+        assert env.world is not None
+        return driver.control(env.world)
+
+    return drive
+
+
+def collect(
+    folder: Path,
+    config: CollectConfig,
+    make_driver: Callable[[int], EpisodeDriver],
+    provenance: dict[str, str],
+) -> Iterator[tuple[int, Path]]:
+    """Write bags into `folder`; yields (ticks so far, bag) after each tick batch of an episode."""
+    simulation = SimulationConfig(cameras=config.cameras)
+    env = DrivingEnv(simulation)
+    messages = TickMessages(RosbagsFactory(), env.rig)
+    seed = TRAIN_SEED_START + 10_000 * config.seed
+    first = seed
+    done_ticks = 0
+    while done_ticks < config.ticks:
+        path = folder / f'{provenance.get("driver", "driver")}_{seed:06d}'
+        facts = provenance | {'first_seed': str(seed), 'scenarios': ','.join(config.scenarios)}
+        with BagWriter(path, facts) as bag:
+            for topic, stamp, message in messages.latched(env.clock_ns):
+                bag.write(topic, stamp, message)
+            in_bag = 0
+            while in_bag < config.bag_ticks and done_ticks + in_bag < config.ticks:
+                name = config.scenarios[(seed - first) % len(config.scenarios)]
+                in_bag += _episode(env, messages, bag, name, seed, make_driver(seed), config)
+                seed += 1
+                yield done_ticks + in_bag, path
+        done_ticks += in_bag
+
+
+def _episode(
+    env: DrivingEnv,
+    messages: TickMessages,
+    bag: BagWriter,
+    scenario: str,
+    seed: int,
+    driver: EpisodeDriver,
+    config: CollectConfig,
+) -> int:
+    """Drive one episode into the bag; returns its number of ticks."""
+    episode = f'{scenario}/{seed}'
+    tick, _ = env.reset(seed=seed, options={'scenario': scenario})
+    bag.write(*messages.route(tick))
+    ticks = 0
+    while True:
+        _write_tick(bag, messages, tick, episode)
+        ticks += 1
+        if env.done or ticks >= config.episode_ticks:
+            return ticks
+        control = driver(env, tick)
+        decision = Decision(tick.stamp_ns, control, nearest_action(control))
+        bag.write(topics.COMMAND, tick.stamp_ns, decision_to_message(messages.factory, decision))
+        tick, *_ = env.step(control)
+
+
+def _write_tick(bag: BagWriter, messages: TickMessages, tick: Tick, episode: str) -> None:
+    for source in (messages.motion(tick), messages.cameras(tick), messages.privileged(tick, episode)):
+        for topic, stamp, message in source:
+            bag.write(topic, stamp, message)

@@ -1,0 +1,1 @@
+"""Bags: writing, reading, and turning them into training episodes. Works without ROS."""

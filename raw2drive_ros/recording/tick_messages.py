@@ -1,0 +1,80 @@
+"""All messages of one simulation tick: what the bridge publishes is what the collector writes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from msg_adapters.factory import MessageFactory
+from msg_adapters.privileged import bev_to_message, ego_to_message, transition_to_message
+from msg_adapters.sensors import (
+    BASE_FRAME,
+    IMU_FRAME,
+    camera_info_to_message,
+    fill_image,
+    imu_to_message,
+    new_image,
+    odometry_to_message,
+    optical_frame,
+    route_to_message,
+    transform_to_message,
+)
+from raw2drive_ros import topics
+from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.simulation.ego import IMU_X_M
+from raw2drive_ros.simulation.environment import Tick
+
+Addressed = tuple[str, int, Any]
+
+
+class TickMessages:
+    """Keeps one reusable Image per camera; messages are valid until the next call."""
+
+    def __init__(self, factory: MessageFactory, rig: tuple[CameraCalibration, ...]) -> None:
+        self.factory = factory
+        self.rig = rig
+        self.images = {c.name: new_image(factory, c.name, c.height, c.width) for c in rig}
+
+    def latched(self, stamp_ns: int) -> Iterator[Addressed]:
+        """(topic, stamp, message) of the mounting poses, sent once."""
+        for camera in self.rig:
+            message = transform_to_message(
+                self.factory, camera.base_from_camera, BASE_FRAME, optical_frame(camera.name), stamp_ns
+            )
+            yield topics.extrinsics_topic(camera.name), stamp_ns, message
+        mounting = np.eye(4)
+        mounting[0, 3] = IMU_X_M
+        yield topics.IMU_EXTRINSICS, stamp_ns, transform_to_message(
+            self.factory, mounting, BASE_FRAME, IMU_FRAME, stamp_ns
+        )
+
+    def route(self, tick: Tick) -> Addressed:
+        return topics.ROUTE, tick.stamp_ns, route_to_message(self.factory, tick.route)
+
+    def motion(self, tick: Tick) -> Iterator[Addressed]:
+        """IMU and odometry of every physics step since the last tick."""
+        for imu in tick.imu_samples:
+            yield topics.IMU, imu.stamp_ns, imu_to_message(self.factory, imu)
+        for odometry in tick.odometry_samples:
+            yield topics.ODOMETRY, odometry.stamp_ns, odometry_to_message(self.factory, odometry)
+
+    def cameras(self, tick: Tick) -> Iterator[Addressed]:
+        """Image and calibration per camera, all with the tick's stamp."""
+        for camera in self.rig:
+            if camera.name not in tick.sensors.images:
+                continue
+            message = self.images[camera.name]
+            fill_image(message, tick.sensors.images[camera.name], tick.stamp_ns)
+            info = camera_info_to_message(self.factory, camera, tick.stamp_ns)
+            yield topics.camera_info_topic(camera.name), tick.stamp_ns, info
+            yield topics.image_topic(camera.name), tick.stamp_ns, message
+
+    def privileged(self, tick: Tick, episode: str) -> Iterator[Addressed]:
+        if tick.privileged is not None:
+            frame = tick.privileged
+            yield topics.BEV, tick.stamp_ns, bev_to_message(self.factory, frame.bev, tick.stamp_ns)
+            yield topics.EGO, tick.stamp_ns, ego_to_message(self.factory, frame)
+        message = transition_to_message(self.factory, tick.transition, episode)
+        yield topics.TRANSITION, tick.stamp_ns, message

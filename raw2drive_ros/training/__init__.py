@@ -1,0 +1,1 @@
+"""Stage 1 (privileged) and stage 2 (raw) training from bags. No ROS, no simulation."""

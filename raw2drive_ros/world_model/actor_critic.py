@@ -1,0 +1,96 @@
+"""Actor over the 39 actions, two-hot critic with a slow copy, lambda-returns, return normalisation (DreamerV3)."""
+
+from __future__ import annotations
+
+import copy
+
+import torch
+from torch import Tensor, nn
+
+from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.distributions import mixed_log_probs, two_hot_loss
+from raw2drive_ros.world_model.heads import TwoHotHead
+from raw2drive_ros.world_model.layers import Mlp
+
+
+class Actor(nn.Module):
+    def __init__(self, config: ModelConfig, actions: int) -> None:
+        super().__init__()
+        self.net = Mlp(config.feature_size, config.units, config.head_layers, actions, out_scale=0.01)
+        self.unimix = config.unimix
+
+    def forward(self, feature: Tensor) -> Tensor:
+        """(..., F) -> (..., A) log-probabilities."""
+        return mixed_log_probs(self.net(feature), self.unimix)
+
+
+class Critic(nn.Module):
+    """A fast head that learns and a slow copy that follows it and steadies it."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.fast = TwoHotHead(config, config.head_layers)
+        self.slow = copy.deepcopy(self.fast).requires_grad_(False)
+
+    def forward(self, feature: Tensor) -> Tensor:
+        value: Tensor = self.fast(feature)
+        return value
+
+    def loss(self, feature: Tensor, target: Tensor, slow_weight: float) -> Tensor:
+        """Cross-entropy to the returns plus `slow_weight` times that to the slow critic's mean."""
+        logits = self.fast.net(feature)
+        with torch.no_grad():
+            slow = self.slow(feature)
+        loss = two_hot_loss(logits, target, self.fast.bins)
+        return loss + slow_weight * two_hot_loss(logits, slow, self.fast.bins)
+
+    @torch.no_grad()
+    def follow(self, rate: float) -> None:
+        """Move the slow copy by `rate` towards the fast head."""
+        torch._foreach_lerp_(list(self.slow.parameters()), list(self.fast.parameters()), rate)
+
+
+class ReturnScale(nn.Module):
+    """max(1, EMA of P95 - P5 of the returns), what advantages are divided by."""
+
+    low: Tensor
+    high: Tensor
+
+    def __init__(self, rate: float = 0.01) -> None:
+        super().__init__()
+        self.rate = rate
+        self.register_buffer('low', torch.zeros(()))
+        self.register_buffer('high', torch.zeros(()))
+
+    @torch.no_grad()
+    def update(self, returns: Tensor) -> Tensor:
+        quantiles = torch.quantile(returns.flatten(), torch.tensor([0.05, 0.95]))
+        self.low.lerp_(quantiles[0], self.rate)
+        self.high.lerp_(quantiles[1], self.rate)
+        return (self.high - self.low).clamp(min=1.0)
+
+
+class Policy(nn.Module):
+    """Actor, critic and return scale: what one stream's behaviour consists of."""
+
+    def __init__(self, config: ModelConfig, actions: int) -> None:
+        super().__init__()
+        self.actor = Actor(config, actions)
+        self.critic = Critic(config)
+        self.scale = ReturnScale()
+
+
+def lambda_returns(
+    rewards: Tensor, discounts: Tensor, values: Tensor, lambda_: float
+) -> Tensor:
+    """(H, N) returns of steps 0..H-1.
+
+    rewards, discounts: (H, N), of ARRIVING at step i+1 (reward, gamma * continue). values: (H+1, N).
+    R_i = r_{i+1} + d_{i+1} ((1 - lambda) v_{i+1} + lambda R_{i+1}), R_H = v_H.
+    """
+    last = values[-1]
+    returns = []
+    for i in reversed(range(rewards.shape[0])):
+        last = rewards[i] + discounts[i] * ((1.0 - lambda_) * values[i + 1] + lambda_ * last)
+        returns.append(last)
+    return torch.stack(returns[::-1])

@@ -1,0 +1,60 @@
+"""Masks in, grid-shaped e_t out, and back: a patch stem instead of full-resolution convolutions.
+
+Masks arrive space-to-depth (C*P*P channels on a G x G grid), so that a 1x1 convolution is the first
+and the last layer: on a CPU the full-resolution layers of a usual encoder are most of its cost.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.layers import Conv, Dense, Linear
+
+
+class Residual(nn.Module):
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.first = Conv(width, width, 3)
+        self.second = Conv(width, width, 3)
+
+    def forward(self, x: Tensor) -> Tensor:
+        y: Tensor = self.second(nn.functional.silu(self.first(nn.functional.silu(x))))
+        return x + y
+
+
+class BevEncoder(nn.Module):
+    """(N, C*P*P, G, G) masks -> e_t (N, E, G, G)."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        c = config
+        channels = len(c.mask_classes) * c.patch * c.patch
+        self.stem = Conv(channels, c.encoder_width, 1)
+        self.body = Residual(c.encoder_width)
+        self.out = Conv(c.encoder_width, c.grid_features, 1)
+
+    def forward(self, masks: Tensor) -> Tensor:
+        return torch.tanh(self.out(nn.functional.silu(self.body(self.stem(masks)))))
+
+
+class BevDecoder(nn.Module):
+    """Feature (N, F) -> mask logits (N, C*P*P, G, G) and the ego vector (N, V)."""
+
+    def __init__(self, config: ModelConfig, vector_size: int) -> None:
+        super().__init__()
+        c = config
+        self.grid, self.width = c.grid, c.encoder_width
+        self.seed = Linear(c.feature_size, c.grid * c.grid * c.grid_features)
+        self.widen = Conv(c.grid_features, c.encoder_width, 1)
+        self.body = Residual(c.encoder_width)
+        self.out = Conv(c.encoder_width, len(c.mask_classes) * c.patch * c.patch, 1)
+        self.vector = nn.Sequential(Dense(c.feature_size, c.units), Linear(c.units, vector_size))
+
+    def forward(self, feature: Tensor) -> Tensor:
+        x = self.seed(feature).view(feature.shape[0], -1, self.grid, self.grid)
+        return self.out(nn.functional.silu(self.body(self.widen(nn.functional.silu(x)))))
+
+    def ego(self, feature: Tensor) -> Tensor:
+        return self.vector(feature)

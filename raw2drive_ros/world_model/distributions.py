@@ -1,0 +1,83 @@
+"""Categorical latents, two-hot scalars and masks: sampling and losses, without torch.distributions.
+
+Inverse-CDF sampling with one uniform per group replaces torch.distributions' samplers, which cost
+thirty times more on a CPU (`benchmarks/`); it also makes the noise an explicit input, so that two
+streams can share one sample (paper, "Rollout Guidance").
+"""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+
+def mixed_log_probs(logits: Tensor, unimix: float) -> Tensor:
+    """(..., K) logits -> log of (1 - unimix) softmax + unimix / K."""
+    probs = torch.softmax(logits, -1) * (1.0 - unimix) + unimix / logits.shape[-1]
+    return torch.log(probs)
+
+
+def sample_one_hot(log_probs: Tensor, uniform: Tensor) -> Tensor:
+    """(..., K) log-probabilities and (...) uniforms in [0, 1) -> (..., K) one-hot, without gradient."""
+    with torch.no_grad():
+        cumulative = torch.cumsum(log_probs.exp(), -1)
+        index = (cumulative < uniform.unsqueeze(-1) * cumulative[..., -1:]).sum(-1)
+        index = index.clamp_(max=log_probs.shape[-1] - 1)
+        return F.one_hot(index, log_probs.shape[-1]).to(log_probs.dtype)
+
+
+def straight_through(one_hot: Tensor, log_probs: Tensor) -> Tensor:
+    """The sample in value, the probabilities in gradient."""
+    probs = log_probs.exp()
+    return one_hot + (probs - probs.detach())
+
+
+def categorical_kl(left: Tensor, right: Tensor) -> Tensor:
+    """KL(left || right) of (..., S, K) log-probabilities, summed over the S groups -> (...)."""
+    return (left.exp() * (left - right)).sum((-2, -1))
+
+
+def symlog(x: Tensor) -> Tensor:
+    return torch.sign(x) * torch.log1p(torch.abs(x))
+
+
+def symexp(x: Tensor) -> Tensor:
+    return torch.sign(x) * torch.expm1(torch.abs(x))
+
+
+def make_bins(count: int, limit: float = 20.0) -> Tensor:
+    """(N,) symexp-spaced bin values, exactly antisymmetric."""
+    half = symexp(torch.linspace(-limit, 0.0, (count + 1) // 2, dtype=torch.float64))
+    return torch.cat([half, -half[:-1].flip(0)]).to(torch.float32)
+
+
+def two_hot(target: Tensor, bins: Tensor) -> Tensor:
+    """(...) values -> (..., N) weights on the two neighbouring bins, linear in raw space."""
+    target = target.clamp(bins[0], bins[-1])
+    above = torch.searchsorted(bins, target.contiguous(), right=True).clamp(1, len(bins) - 1)
+    low, high = bins[above - 1], bins[above]
+    weight = ((target - low) / (high - low)).unsqueeze(-1)
+    result = torch.zeros(*target.shape, len(bins), dtype=target.dtype, device=target.device)
+    result.scatter_(-1, (above - 1).unsqueeze(-1), 1.0 - weight)
+    return result.scatter_add_(-1, above.unsqueeze(-1), weight)
+
+
+def two_hot_mean(logits: Tensor, bins: Tensor) -> Tensor:
+    """Expected value; the symmetric halves are added smallest first, so that zero stays zero."""
+    probs = torch.softmax(logits, -1)
+    middle = len(bins) // 2
+    left = (probs[..., :middle] * bins[:middle]).flip(-1)
+    right = probs[..., middle + 1 :] * bins[middle + 1 :]
+    return (left + right).sum(-1)
+
+
+def two_hot_loss(logits: Tensor, target: Tensor, bins: Tensor) -> Tensor:
+    """Cross-entropy of (..., N) logits with the two-hot target -> (...)."""
+    return -(two_hot(target, bins) * torch.log_softmax(logits, -1)).sum(-1)
+
+
+def mask_loss(logits: Tensor, masks: Tensor) -> Tensor:
+    """Binary cross-entropy of (N, C, H, W) logits, summed over C, H, W -> (N,)."""
+    # softplus(x) - x * y is BCE with logits in fewer passes over memory.
+    return (F.softplus(logits) - logits * masks).flatten(1).sum(1)

@@ -1,0 +1,44 @@
+"""Reward, continue and value heads."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.distributions import make_bins, two_hot_loss, two_hot_mean
+from raw2drive_ros.world_model.layers import Mlp
+
+
+class TwoHotHead(nn.Module):
+    """A scalar as a distribution over symexp-spaced bins; its last layer starts at zero."""
+
+    bins: Tensor
+
+    def __init__(self, config: ModelConfig, layers: int) -> None:
+        super().__init__()
+        self.net = Mlp(config.feature_size, config.units, layers, config.bins, out_scale=0.0)
+        self.register_buffer('bins', make_bins(config.bins), persistent=False)
+
+    def forward(self, feature: Tensor) -> Tensor:
+        """(..., F) -> (...) expected value."""
+        return two_hot_mean(self.net(feature), self.bins)
+
+    def loss(self, feature: Tensor, target: Tensor) -> Tensor:
+        """(..., F), (...) -> (...)."""
+        return two_hot_loss(self.net(feature), target, self.bins)
+
+
+class ContinueHead(nn.Module):
+    """Probability that the episode goes on."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.net = Mlp(config.feature_size, config.units, 1, 1)
+
+    def forward(self, feature: Tensor) -> Tensor:
+        return torch.sigmoid(self.net(feature).squeeze(-1))
+
+    def loss(self, feature: Tensor, target: Tensor) -> Tensor:
+        logits = self.net(feature).squeeze(-1)
+        return nn.functional.binary_cross_entropy_with_logits(logits, target, reduction='none')

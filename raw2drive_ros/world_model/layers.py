@@ -1,0 +1,78 @@
+"""Small building blocks shared by every network."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+
+class RmsNorm(nn.Module):
+    """Root-mean-square norm over the last axis."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.scale = nn.Parameter(torch.ones(size))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return nn.functional.rms_norm(x, (x.shape[-1],), self.scale, 1e-4)
+
+
+def init_linear(layer: nn.Linear | nn.Conv2d, scale: float = 1.0) -> None:
+    """Truncated normal by fan-in, zero bias."""
+    fan_in = layer.weight[0].numel()
+    std = scale / max(1.0, fan_in) ** 0.5 / 0.87962566103423978
+    nn.init.trunc_normal_(layer.weight, 0.0, std or 1e-8, -2 * std, 2 * std)
+    if scale == 0.0:
+        nn.init.zeros_(layer.weight)
+    if layer.bias is not None:
+        nn.init.zeros_(layer.bias)
+
+
+class Linear(nn.Linear):
+    def __init__(self, inputs: int, outputs: int, scale: float = 1.0) -> None:
+        super().__init__(inputs, outputs)
+        init_linear(self, scale)
+
+
+class Conv(nn.Conv2d):
+    def __init__(self, inputs: int, outputs: int, kernel: int, stride: int = 1) -> None:
+        super().__init__(inputs, outputs, kernel, stride, (kernel - stride + 1) // 2 if kernel > 1 else 0)
+        init_linear(self)
+
+
+class Dense(nn.Module):
+    """Linear, norm, SiLU."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.linear = Linear(inputs, outputs)
+        self.norm = RmsNorm(outputs)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return nn.functional.silu(self.norm(self.linear(x)))
+
+
+class Mlp(nn.Sequential):
+    """`layers` dense layers and a linear output, whose initial scale is `out_scale`."""
+
+    def __init__(
+        self, inputs: int, units: int, layers: int, outputs: int, out_scale: float = 1.0
+    ) -> None:
+        sizes = [inputs] + [units] * layers
+        dense = [Dense(a, b) for a, b in zip(sizes[:-1], sizes[1:], strict=True)]
+        super().__init__(*dense, Linear(sizes[-1], outputs, out_scale))
+
+
+class BlockLinear(nn.Module):
+    """`blocks` independent linear maps on slices of the last axis: (..., blocks * I) -> (..., blocks * O)."""
+
+    def __init__(self, blocks: int, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.empty(blocks, inputs, outputs))
+        self.bias = nn.Parameter(torch.zeros(blocks, 1, outputs))
+        std = (1.0 / inputs) ** 0.5 / 0.87962566103423978
+        nn.init.trunc_normal_(self.weight, 0.0, std, -2 * std, 2 * std)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """x: (blocks, N, I) -> (blocks, N, O)."""
+        return torch.baddbmm(self.bias, x, self.weight)

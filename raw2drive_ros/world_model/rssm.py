@@ -1,0 +1,122 @@
+"""Recurrent state-space model: block-GRU deterministic state, categorical stochastic state (DreamerV3).
+
+h_t = f(h_{t-1}, s_{t-1}, a_{t-1});  posterior q(s_t | h_t, e_t);  prior p(s_t | h_t).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.distributions import mixed_log_probs, sample_one_hot, straight_through
+from raw2drive_ros.world_model.layers import BlockLinear, Dense, Linear, RmsNorm
+
+
+@dataclass(slots=True)
+class State:
+    """deter: (..., D). stoch: (..., S*K), one-hot per group (straight-through while training)."""
+
+    deter: Tensor
+    stoch: Tensor
+
+    @property
+    def feature(self) -> Tensor:
+        """(..., D + S*K): what every head reads."""
+        return torch.cat([self.deter, self.stoch], -1)
+
+    def detach(self) -> State:
+        return State(self.deter.detach(), self.stoch.detach())
+
+
+class Rssm(nn.Module):
+    def __init__(self, config: ModelConfig, embed_size: int, actions: int) -> None:
+        super().__init__()
+        self.config = config
+        c = config
+        if c.deter % c.blocks:
+            raise ValueError(f'deter {c.deter} is not a multiple of blocks {c.blocks}')
+        self.input_deter = Dense(c.deter, c.hidden)
+        self.input_stoch = Dense(c.stoch_size, c.hidden)
+        self.input_action = Dense(actions, c.hidden)
+        self.core_hidden = BlockLinear(c.blocks, c.deter // c.blocks + 3 * c.hidden, c.deter // c.blocks)
+        self.core_norm = RmsNorm(c.deter)
+        self.core_gates = BlockLinear(c.blocks, c.deter // c.blocks, 3 * c.deter // c.blocks)
+        self.prior_net = nn.Sequential(
+            Dense(c.deter, c.hidden), Dense(c.hidden, c.hidden), Linear(c.hidden, c.stoch_size)
+        )
+        self.post_embed = Linear(embed_size, c.hidden)
+        self.post_deter = Linear(c.deter, c.hidden)
+        self.post_norm = RmsNorm(c.hidden)
+        self.post_out = Linear(c.hidden, c.stoch_size)
+
+    def initial(self, batch: int) -> State:
+        c = self.config
+        device = self.post_embed.weight.device
+        return State(
+            torch.zeros(batch, c.deter, device=device), torch.zeros(batch, c.stoch_size, device=device)
+        )
+
+    def step_deter(self, state: State, action: Tensor) -> Tensor:
+        """h_t from (B, D), (B, S*K) and one-hot (B, A) actions."""
+        c = self.config
+        batch = state.deter.shape[0]
+        inputs = torch.cat(
+            [self.input_deter(state.deter), self.input_stoch(state.stoch), self.input_action(action)], -1
+        )
+        blocks = state.deter.view(batch, c.blocks, -1).transpose(0, 1)
+        x = torch.cat([blocks, inputs.unsqueeze(0).expand(c.blocks, -1, -1)], -1)
+        x = self.core_hidden(x).transpose(0, 1).reshape(batch, -1)
+        x = nn.functional.silu(self.core_norm(x))
+        gates = self.core_gates(x.view(batch, c.blocks, -1).transpose(0, 1))
+        reset, candidate, update = (
+            gate.transpose(0, 1).reshape(batch, -1) for gate in gates.chunk(3, -1)
+        )
+        update = torch.sigmoid(update - 1.0)
+        candidate = torch.tanh(torch.sigmoid(reset) * candidate)
+        return update * candidate + (1.0 - update) * state.deter
+
+    def prior(self, deter: Tensor) -> Tensor:
+        """(..., S, K) log-probabilities of p(s | h)."""
+        return self._log_probs(self.prior_net(deter))
+
+    def posterior(self, deter: Tensor, embed_hidden: Tensor) -> Tensor:
+        """(..., S, K) log-probabilities of q(s | h, e); `embed_hidden` is `post_embed(e)`."""
+        hidden = nn.functional.silu(self.post_norm(self.post_deter(deter) + embed_hidden))
+        return self._log_probs(self.post_out(hidden))
+
+    def _log_probs(self, logits: Tensor) -> Tensor:
+        shape = (*logits.shape[:-1], self.config.stoch, self.config.classes)
+        return mixed_log_probs(logits.view(shape), self.config.unimix)
+
+    def sample(self, log_probs: Tensor, uniform: Tensor) -> Tensor:
+        """(..., S, K) and (..., S) -> (..., S*K) straight-through sample."""
+        one_hot = sample_one_hot(log_probs, uniform)
+        if log_probs.requires_grad:
+            one_hot = straight_through(one_hot, log_probs)
+        return one_hot.flatten(-2)
+
+    def observe(
+        self, embed: Tensor, actions: Tensor, is_first: Tensor, uniform: Tensor, start: State | None = None
+    ) -> tuple[State, Tensor]:
+        """Filter a sequence.
+
+        embed: (B, T, E). actions: (B, T, A), the action that LED to step t. is_first: (B, T) bool.
+        uniform: (B, T, S). Returns states (B, T, ...) and posterior log-probabilities (B, T, S, K).
+        """
+        state = start or self.initial(embed.shape[0])
+        hidden = self.post_embed(embed)
+        keep = (~is_first).to(embed.dtype).unsqueeze(-1)
+        deters, stochs, posts = [], [], []
+        for t in range(embed.shape[1]):
+            mask = keep[:, t]
+            state = State(state.deter * mask, state.stoch * mask)
+            deter = self.step_deter(state, actions[:, t] * mask)
+            post = self.posterior(deter, hidden[:, t])
+            state = State(deter, self.sample(post, uniform[:, t]))
+            deters.append(deter)
+            stochs.append(state.stoch)
+            posts.append(post)
+        return State(torch.stack(deters, 1), torch.stack(stochs, 1)), torch.stack(posts, 1)

@@ -1,0 +1,77 @@
+"""The two world models. Privileged: encoder, RSSM, decoder, reward, continue. Raw: camera encoder, RSSM, decoder.
+
+The raw stream has no reward and no continue head: near-identical frames carry very different scalars
+there, and the paper's ablation shows that they hurt. `raw_heads` switches them on for that ablation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.world_model.bev_encoder import BevDecoder, BevEncoder
+from raw2drive_ros.world_model.camera_encoder import CameraEncoder
+from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.distributions import symlog
+from raw2drive_ros.world_model.heads import ContinueHead, TwoHotHead
+from raw2drive_ros.world_model.layers import Dense
+from raw2drive_ros.world_model.rssm import Rssm
+
+
+class WorldModel(nn.Module):
+    """What both streams have: a vector encoder, an RSSM and a BEV decoder around their own grid encoder."""
+
+    def __init__(
+        self, config: ModelConfig, encoder: nn.Module, vector_size: int, ego_size: int, actions: int
+    ) -> None:
+        super().__init__()
+        self.config = config
+        self.encoder = encoder
+        self.vector_encoder = Dense(vector_size, config.vector_features)
+        embed = config.grid_features * config.grid**2 + config.vector_features
+        self.rssm = Rssm(config, embed, actions)
+        self.decoder = BevDecoder(config, ego_size)
+
+    def encode(self, observation: Tensor, vector: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, ...) observation and (N, V) vector -> e_t (N, E, G, G) and vector features (N, W)."""
+        grid: Tensor = self.encoder(observation)
+        return grid, self.vector_encoder(symlog(vector))
+
+    def embed(self, grid: Tensor, vector: Tensor) -> Tensor:
+        """What the posterior reads: (N, E*G*G + W)."""
+        return torch.cat([grid.flatten(1), vector], -1)
+
+
+class PrivilegedWorldModel(WorldModel):
+    def __init__(self, config: ModelConfig, ego_size: int, actions: int) -> None:
+        super().__init__(config, BevEncoder(config), ego_size, ego_size, actions)
+        self.reward = TwoHotHead(config, 1)
+        self.cont = ContinueHead(config)
+
+
+class RawWorldModel(WorldModel):
+    def __init__(
+        self,
+        config: ModelConfig,
+        cameras: Sequence[CameraCalibration],
+        vector_size: int,
+        ego_size: int,
+        actions: int,
+        heads: tuple[str, ...] = (),
+    ) -> None:
+        super().__init__(config, CameraEncoder(config, cameras), vector_size, ego_size, actions)
+        self.reward = TwoHotHead(config, 1) if 'reward' in heads else None
+        self.cont = ContinueHead(config) if 'continue' in heads else None
+
+    def initialise_from(self, privileged: PrivilegedWorldModel, *, share: str = 'init') -> None:
+        """RSSM and decoder start as the privileged ones (paper, Fig. 4). share: init | tied | none."""
+        if share == 'none':
+            return
+        if share == 'tied':
+            self.rssm, self.decoder = privileged.rssm, privileged.decoder
+            return
+        self.rssm.load_state_dict(privileged.rssm.state_dict())
+        self.decoder.load_state_dict(privileged.decoder.state_dict())
