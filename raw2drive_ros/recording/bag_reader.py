@@ -1,0 +1,162 @@
+"""Reading bags with clear errors, and turning them back into ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.errors import ReaderError
+
+from msg_adapters.factory import RosbagsFactory
+from msg_adapters.privileged import privileged_from_messages, transition_from_message
+from msg_adapters.sensors import (
+    calibration_from_messages,
+    image_from_message,
+    imu_from_message,
+    odometry_from_message,
+    route_from_message,
+)
+from msg_adapters.stamps import stamp_ns
+from raw2drive_ros import topics
+from raw2drive_ros.contract import CameraCalibration, Image8, ImuSample, OdometrySample, Route
+from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
+
+
+class BagError(RuntimeError):
+    """A bag cannot be used; the message says which, why, and what to do."""
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Reader]:
+    """A rosbags Reader. Raises BagError for anything that is not a whole, readable bag."""
+    if not path.exists():
+        raise BagError(f'{path}: no such bag')
+    if path.is_file():
+        path = path.parent
+    if not (path / 'metadata.yaml').is_file():
+        hint = 'it was not closed; its recorder may have been killed'
+        raise BagError(f'{path}: not a complete bag (no metadata.yaml): {hint}')
+    try:
+        reader = Reader(path)
+        reader.open()
+    except (ReaderError, OSError, ValueError, KeyError, AssertionError) as error:
+        raise BagError(f'{path}: cannot be opened: {error}') from error
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+def find_bags(roots: list[Path]) -> list[Path]:
+    """Every bag folder at or below the given paths, sorted. Raises BagError when there is none."""
+    found: set[Path] = set()
+    for root in roots:
+        if not root.exists():
+            raise BagError(f'{root}: no such file or folder')
+        found |= {p.parent for p in root.rglob('metadata.yaml') if not p.parent.name.endswith('.partial')}
+    if not found:
+        raise BagError(f'no bags found under {", ".join(map(str, roots))}')
+    return sorted(found)
+
+
+def require_topics(reader: Reader, path: Path, wanted: list[str], purpose: str) -> None:
+    """Raises BagError that lists the missing topics."""
+    present = {connection.topic for connection in reader.connections}
+    missing = [topic for topic in wanted if topic not in present]
+    if missing:
+        raise BagError(
+            f'{path}: {purpose} needs {", ".join(missing)}, which this bag does not have; '
+            'record with the simulator bridge, or use another bag'
+        )
+
+
+@dataclass(slots=True)
+class BagTick:
+    """One decision tick read back from a bag; cameras only where the bag has them."""
+
+    stamp_ns: int
+    images: dict[str, Image8]
+    imu: ImuSample
+    odometry: OdometrySample
+    route: Route
+    privileged: PrivilegedFrame | None
+    transition: Transition | None
+    episode: str
+
+
+def read_calibrations(reader: Reader, factory: RosbagsFactory) -> tuple[CameraCalibration, ...]:
+    """The cameras of a bag in the order of `topics.CAMERAS`, those that it has."""
+    first: dict[str, Any] = {}
+    wanted = {topics.camera_info_topic(c) for c in topics.CAMERAS} | {
+        topics.extrinsics_topic(c) for c in topics.CAMERAS
+    }
+    connections = [c for c in reader.connections if c.topic in wanted]
+    for connection, _, data in reader.messages(connections=connections):
+        if connection.topic not in first:
+            first[connection.topic] = factory.deserialize(data, connection.msgtype)
+            if len(first) == len(connections):
+                break
+    return tuple(
+        calibration_from_messages(
+            camera, first[topics.camera_info_topic(camera)], first[topics.extrinsics_topic(camera)]
+        )
+        for camera in topics.CAMERAS
+        if topics.camera_info_topic(camera) in first and topics.extrinsics_topic(camera) in first
+    )
+
+
+def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = True) -> Iterator[BagTick]:
+    """Decision ticks in time order. A tick is complete when its last expected message has arrived."""
+    factory = RosbagsFactory()
+    image_topics = {topics.image_topic(c): c for c in topics.CAMERAS}
+    present = {connection.topic for connection in reader.connections}
+    expected_images = {t for t in image_topics if t in present} if cameras else set()
+    wanted = expected_images | {topics.IMU, topics.ODOMETRY, topics.ROUTE}
+    if privileged:
+        wanted |= {topics.BEV, topics.EGO, topics.TRANSITION}
+    connections = [c for c in reader.connections if c.topic in wanted]
+    route: Route | None = None
+    imus: dict[int, ImuSample] = {}
+    odometries: dict[int, OdometrySample] = {}
+    pending: dict[int, dict[str, Any]] = {}
+    needed = len(expected_images) + (3 if privileged else 0)
+    try:
+        for connection, _, data in reader.messages(connections=connections):
+            topic = connection.topic
+            message = factory.deserialize(data, connection.msgtype)
+            if topic == topics.ROUTE:
+                route = route_from_message(message)
+                continue
+            stamp = stamp_ns(message.header.stamp)
+            if topic == topics.IMU:
+                imus[stamp] = imu_from_message(message)
+                continue
+            if topic == topics.ODOMETRY:
+                odometries[stamp] = odometry_from_message(message)
+                continue
+            parts = pending.setdefault(stamp, {})
+            parts[topic] = message
+            if len(parts) < needed:
+                continue
+            del pending[stamp]
+            if route is None or stamp not in imus or stamp not in odometries:
+                continue
+            images = {
+                image_topics[t]: image_from_message(m) for t, m in parts.items() if t in image_topics
+            }
+            frame, transition, episode = None, None, ''
+            if privileged:
+                frame = privileged_from_messages(parts[topics.BEV], parts[topics.EGO])
+                transition, episode = transition_from_message(parts[topics.TRANSITION])
+            yield BagTick(stamp, images, imus[stamp], odometries[stamp], route, frame, transition, episode)
+            imus = {s: v for s, v in imus.items() if s > stamp}
+            odometries = {s: v for s, v in odometries.items() if s > stamp}
+            pending = {s: v for s, v in pending.items() if s > stamp}
+    except BagError:
+        raise
+    except Exception as error:
+        raise BagError(f'{path}: damaged after {reader.message_count} messages were promised: {error}') from error

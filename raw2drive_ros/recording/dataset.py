@@ -1,0 +1,170 @@
+"""Bags to training arrays: one cache folder per bag and preset, rebuilt when either changes.
+
+The trainer's only input is bags; the cache is nothing but their content in the order and size that a
+batch is read in (memory-mapped, masks as bits).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_adapters.factory import RosbagsFactory
+from raw2drive_ros import topics
+from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.driving.preprocessing import VECTOR_SIZE, RouteProgress, raw_vector
+from raw2drive_ros.privileged_contract import EGO_FIELDS
+from raw2drive_ros.recording.bag_reader import (
+    BagError,
+    open_bag,
+    read_calibrations,
+    read_ticks,
+    require_topics,
+)
+from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.world_model.config import ModelConfig
+
+CACHE_VERSION = 3
+ARRAYS = ('masks', 'ego', 'vector', 'action', 'reward', 'flags')
+FIRST, TERMINAL, LAST = 1, 2, 4
+
+
+@dataclass(slots=True)
+class BagArrays:
+    """One bag's ticks. masks: (N, bytes). ego: (N, 5). vector: (N, V). action: (N,) int64, -1 at the
+    first tick. reward: (N,). flags: (N,) bits FIRST, TERMINAL, LAST. images: (N, views, H, W, 3) or None."""
+
+    path: Path
+    identity: str
+    masks: NDArray[np.uint8]
+    ego: NDArray[np.float32]
+    vector: NDArray[np.float32]
+    action: NDArray[np.int64]
+    reward: NDArray[np.float32]
+    flags: NDArray[np.uint8]
+    images: NDArray[np.uint8] | None
+    episodes: list[str]
+
+    def __len__(self) -> int:
+        return len(self.action)
+
+
+def bag_identity(path: Path) -> str:
+    """Hash of a bag's metadata and the sizes of its files: changes whenever the bag does."""
+    digest = hashlib.sha256()
+    for file in sorted(path.iterdir()):
+        digest.update(f'{file.name}:{file.stat().st_size}'.encode())
+        if file.name == 'metadata.yaml':
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def load_bag(path: Path, cache_root: Path, config: ModelConfig, *, cameras: bool) -> BagArrays:
+    """The arrays of a bag, from the cache or freshly built. Raises BagError."""
+    codec = MaskCodec(config)
+    layout = json.dumps(
+        [config.mask_classes, config.mask_size, config.patch, cameras, CACHE_VERSION], sort_keys=True
+    )
+    identity = bag_identity(path)
+    folder = cache_root / f'{identity}-{hashlib.sha256(layout.encode()).hexdigest()[:8]}'
+    if not (folder / 'episodes.json').is_file():
+        _build(path, folder, codec, cameras=cameras)
+    arrays: dict[str, Any] = {name: np.load(folder / f'{name}.npy', mmap_mode='r') for name in ARRAYS}
+    images = np.load(folder / 'images.npy', mmap_mode='r') if cameras else None
+    episodes = json.loads((folder / 'episodes.json').read_text())
+    small = {name: np.array(arrays[name]) for name in ARRAYS if name != 'masks'}
+    return BagArrays(path, identity, arrays['masks'], **small, images=images, episodes=episodes)
+
+
+def _build(path: Path, folder: Path, codec: MaskCodec, *, cameras: bool) -> None:
+    purpose = 'training the raw stream' if cameras else 'training the privileged stream'
+    wanted = [topics.BEV, topics.EGO, topics.TRANSITION, topics.IMU, topics.ODOMETRY, topics.ROUTE]
+    if cameras:
+        wanted += [topics.image_topic(c) for c in topics.CAMERAS]
+    with open_bag(path) as reader:
+        require_topics(reader, path, wanted, purpose)
+        count = next(c.msgcount for c in reader.connections if c.topic == topics.TRANSITION)
+        partial = folder.with_name(folder.name + f'.{os.getpid()}.partial')
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        try:
+            written, episodes = _fill(reader, path, partial, codec, count, cameras=cameras)
+            if written == 0:
+                raise BagError(f'{path}: holds no complete tick')
+            (partial / 'episodes.json').write_text(json.dumps(episodes))
+            shutil.rmtree(folder, ignore_errors=True)
+            os.replace(partial, folder)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+def _fill(
+    reader: Any, path: Path, folder: Path, codec: MaskCodec, count: int, *, cameras: bool
+) -> tuple[int, list[str]]:
+    masks = np.zeros((count, codec.packed_bytes), np.uint8)
+    ego = np.zeros((count, len(EGO_FIELDS)), np.float32)
+    vector = np.zeros((count, VECTOR_SIZE), np.float32)
+    action = np.zeros(count, np.int64)
+    reward = np.zeros(count, np.float32)
+    flags = np.zeros(count, np.uint8)
+    images: Any = None
+    episodes: list[str] = []
+    progress = RouteProgress()
+    n = 0
+    for tick in read_ticks(reader, path, cameras=cameras):
+        assert tick.privileged is not None and tick.transition is not None
+        step = tick.transition
+        progress.update(tick.route, tick.odometry)
+        masks[n], ego[n] = codec.pack(tick.privileged.bev), tick.privileged.ego
+        vector[n] = raw_vector(tick.imu, tick.odometry, progress)
+        action[n], reward[n] = step.action, step.reward
+        flags[n] = FIRST * step.is_first + TERMINAL * step.is_terminal + LAST * step.is_last
+        if step.is_first:
+            episodes.append(tick.episode)
+        if cameras:
+            stack = np.stack([tick.images[c] for c in topics.CAMERAS])
+            if images is None:
+                images = np.lib.format.open_memmap(
+                    folder / 'images.npy', 'w+', np.uint8, (count, *stack.shape)
+                )
+            images[n] = stack
+        n += 1
+    if cameras and images is not None:
+        images.flush()
+    for name, value in zip(ARRAYS, (masks, ego, vector, action, reward, flags), strict=True):
+        np.save(folder / f'{name}.npy', value[:n])
+    return n, episodes
+
+
+def load_bags(
+    paths: list[Path],
+    cache_root: Path,
+    config: ModelConfig,
+    *,
+    cameras: bool,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[BagArrays]:
+    """All bags, in order; `progress(done, total)` is called after each."""
+    loaded = []
+    for i, path in enumerate(paths):
+        loaded.append(load_bag(path, cache_root, config, cameras=cameras))
+        progress(i + 1, len(paths))
+    return loaded
+
+
+def rig_of(path: Path) -> tuple[CameraCalibration, ...]:
+    """The camera calibrations recorded in a bag. Raises BagError when there are none."""
+    with open_bag(path) as reader:
+        rig = read_calibrations(reader, RosbagsFactory())
+    if not rig:
+        raise BagError(f'{path}: has no camera calibration')
+    return rig

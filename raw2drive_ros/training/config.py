@@ -1,0 +1,78 @@
+"""Training configuration: one frozen model per run, saved beside it; every ablation of the paper is a field."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError
+
+from raw2drive_ros.world_model.config import ConfigError, ModelConfig, Strict, load_preset
+
+
+class TrainConfig(Strict):
+    """Hyperparameters of both stages. Loss weights follow the paper where it gives them."""
+
+    seed: int = 0
+    threads: int = Field(2, ge=1)
+    batch: int = 16
+    length: int = 32
+    raw_batch: int = 8
+    raw_length: int = 16
+    starts: int = Field(256, description='imagined rollouts per step')
+    horizon: int = 15
+    gamma: float = 0.985
+    lambda_: float = 0.95
+    entropy: float = 3e-4
+    slow_rate: float = 0.02
+    slow_weight: float = 1.0
+    model_lr: float = 4e-4
+    policy_lr: float = 1.5e-4
+    weight_decay: float = 0.0
+    warmup: int = 200
+    model_clip: float = 100.0
+    policy_clip: float = 100.0
+    policy_every: int = 1
+    policy_after: int = Field(0, description='steps of world-model training before the policy starts')
+    reset_policy_at: int = Field(0, description='give the policy fresh weights at this step; 0 = never')
+    terminal_share: float = Field(0.3, description='share of sequences that hold a terminal step')
+    free_nats: float = 1.0
+    weight_pred: float = 1.0
+    weight_reward: float = 10.0
+    weight_dyn: float = 1.0
+    weight_rep: float = 0.1
+    # Stage 2: rollout guidance (paper, section 3.3). A weight of 0 is an ablation.
+    weight_encoder: float = 10.0
+    weight_stoch: float = 10.0
+    weight_deter: float = 5.0
+    align_space: bool = Field(True, description='false: align the mean over grid cells only')
+    align_time: bool = Field(True, description='false: align the last step of a sequence only')
+    sample_source: Literal['raw', 'privileged', 'independent'] = 'raw'
+    share: Literal['init', 'tied', 'none'] = 'init'
+    raw_heads: tuple[Literal['reward', 'continue'], ...] = ()
+    head_guidance: bool = True
+    policy_init: Literal['privileged', 'fresh', 'frozen'] = 'privileged'
+    distill: float = 1.0
+    distill_end: float = 0.1
+    log_every: int = 50
+    picture_every: int = 1000
+    checkpoint_every: int = 500
+
+
+class RunConfig(Strict):
+    """What a run is made of."""
+
+    preset: str
+    model: ModelConfig
+    train: TrainConfig
+
+
+def make_config(preset: str, overrides: dict[str, Any] | None = None) -> RunConfig:
+    """A preset with `train` fields replaced. Raises ConfigError that names the field."""
+    raw = load_preset(preset)
+    try:
+        raw['train'] = raw.get('train', {}) | (overrides or {})
+        return RunConfig(preset=preset, model=raw['model'], train=raw['train'])
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = '.'.join(str(part) for part in first['loc'])
+        raise ConfigError(f'preset {preset}: {where}: {first["msg"]}') from error
