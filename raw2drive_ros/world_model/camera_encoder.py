@@ -132,8 +132,9 @@ class CameraEncoder(nn.Module):
                     f'the model expects {height}x{width}'
                 )
         w = c.camera_width
+        narrow = max(8, w * 2 // 3)
         self.backbone = nn.Sequential(
-            Conv(3, w, 4, 4), nn.SiLU(), Conv(w, w, 3), nn.SiLU(), Conv(w, w, 4, 2), nn.SiLU(), Residual(w)
+            Conv(3, narrow, 8, 4), nn.SiLU(), Conv(narrow, w, 4, 2), nn.SiLU(), Residual(w)
         )
         self.score = Conv(w, len(c.lift_heights_m), 1)
         self.lift = Lifting(config, cameras)

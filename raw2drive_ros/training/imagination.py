@@ -1,0 +1,147 @@
+"""Imagined rollouts and the actor-critic update, for one stream or for two in lock-step.
+
+Time line of a rollout of H steps, all (H + 1, N, ...) or (H, N, ...):
+
+    state    s0      s1      ...  sH        s0: posterior states of real sequences
+    action   a0      a1      ...            a_i ~ actor(s_i)
+    reward           r1      ...  rH        of arriving at s_{i+1}
+    cont             c1      ...  cH
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.training.config import TrainConfig
+from raw2drive_ros.training.optimiser import Optimiser
+from raw2drive_ros.world_model.actor_critic import Actor, Policy, lambda_returns
+from raw2drive_ros.world_model.distributions import sample_one_hot
+from raw2drive_ros.world_model.heads import ContinueHead, TwoHotHead
+from raw2drive_ros.world_model.rssm import Rssm, State
+
+
+@dataclass(slots=True)
+class Rollout:
+    """features: (H+1, N, F) of the stream that acts. teacher: the same of the privileged stream, or None.
+    actions: (H, N, A) one-hot. rewards, conts: (H, N)."""
+
+    features: Tensor
+    teacher: Tensor | None
+    actions: Tensor
+    rewards: Tensor
+    conts: Tensor
+
+
+@torch.no_grad()
+def imagine(
+    rssm: Rssm,
+    actor: Actor,
+    start: State,
+    reward: TwoHotHead,
+    cont: ContinueHead,
+    horizon: int,
+    generator: torch.Generator,
+    guide: tuple[Rssm, Tensor] | None = None,
+    *,
+    shared_sample: bool = True,
+    own_heads: bool = False,
+) -> Rollout:
+    """Roll the actor out in its own world model.
+
+    guide: the privileged RSSM and its (N, D) deterministic state. It then runs in lock-step on the same
+    actions and the same stochastic sample (paper, "Head Guidance"), and `reward` and `cont` read the
+    privileged features; without a guide, or with `own_heads`, they read the actor's own.
+    """
+    state = start
+    teacher = None if guide is None else State(guide[1], start.stoch)
+    features, teachers, actions = [state.feature], [], []
+    if teacher is not None:
+        teachers.append(teacher.feature)
+    count, groups = state.deter.shape[0], rssm.config.stoch
+    for _ in range(horizon):
+        uniform = torch.rand(count, groups + 1, generator=generator)
+        action = sample_one_hot(actor(state.feature), uniform[:, -1])
+        deter = rssm.step_deter(state, action)
+        stoch = rssm.sample(rssm.prior(deter), uniform[:, :-1])
+        if guide is not None and teacher is not None:
+            teacher_deter = guide[0].step_deter(teacher, action)
+            teacher_stoch = stoch
+            if not shared_sample:
+                noise = torch.rand(count, groups, generator=generator)
+                teacher_stoch = guide[0].sample(guide[0].prior(teacher_deter), noise)
+            teacher = State(teacher_deter, teacher_stoch)
+            teachers.append(teacher.feature)
+        state = State(deter, stoch)
+        features.append(state.feature)
+        actions.append(action)
+    stacked = torch.stack(features)
+    guided = torch.stack(teachers) if teachers else None
+    judged = stacked if guided is None or own_heads else guided
+    return Rollout(
+        stacked, guided, torch.stack(actions), reward(judged[1:]), cont(judged[1:])
+    )
+
+
+def policy_losses(
+    policy: Policy, rollout: Rollout, config: TrainConfig
+) -> tuple[Tensor, Tensor, dict[str, float]]:
+    """(actor loss, critic loss, metrics) of one rollout; gradients reach the policy only."""
+    features = rollout.features
+    with torch.no_grad():
+        values = policy.critic(features)
+        discounts = config.gamma * rollout.conts
+        returns = lambda_returns(rollout.rewards, discounts, values, config.lambda_)
+        scale = policy.scale.update(returns)
+        advantage = (returns - values[:-1]) / scale
+        alive = torch.cat([torch.ones_like(discounts[:1]), discounts[:-1]])
+        weight = torch.cumprod(alive, 0)
+    log_probs = policy.actor(features[:-1])
+    taken = (log_probs * rollout.actions).sum(-1)
+    entropy = -(log_probs.exp() * log_probs).sum(-1)
+    # The paper prints "+ eta H" inside a loss; the entropy is to be maximised, hence the minus here.
+    actor_loss = -(weight * (advantage * taken + config.entropy * entropy)).mean()
+    critic_loss = (weight * policy.critic.loss(features[:-1], returns, config.slow_weight)).mean()
+    metrics = {
+        'policy/return': float(returns.mean()),
+        'policy/value': float(values.mean()),
+        'policy/reward': float(rollout.rewards.mean()),
+        'policy/continue': float(rollout.conts.mean()),
+        'policy/entropy': float(entropy.detach().mean()),
+        'policy/scale': float(scale),
+        'policy/advantage_std': float(advantage.std()),
+        'loss/actor': float(actor_loss.detach()),
+        'loss/critic': float(critic_loss.detach()),
+    }
+    return actor_loss, critic_loss, metrics
+
+
+def distillation_loss(teacher: Tensor, student: Tensor) -> Tensor:
+    """KL(teacher || student) of (..., A) log-probabilities, mean over everything but A."""
+    return (teacher.exp() * (teacher - student)).sum(-1).mean()
+
+
+def choose_starts(
+    states: State, extra: tuple[Tensor, ...], cont: Tensor, count: int, generator: torch.Generator
+) -> tuple[State, tuple[Tensor, ...]]:
+    """Up to `count` of the (B, T, ...) states that do not end an episode, flattened and detached."""
+    flat = State(states.deter.detach().flatten(0, 1), states.stoch.detach().flatten(0, 1))
+    living = torch.nonzero(cont.flatten() > 0.5).squeeze(-1)
+    pick = living[torch.randperm(len(living), generator=generator)[:count]]
+    chosen = State(flat.deter[pick], flat.stoch[pick])
+    return chosen, tuple(e.detach().flatten(0, 1)[pick] for e in extra)
+
+
+def update_policy(
+    policy: Policy, optimiser: Optimiser, loss: Tensor, config: TrainConfig
+) -> float:
+    """One optimiser step and one slow-critic step; returns the gradient norm."""
+    norm = optimiser.step(loss)
+    policy.critic.follow(config.slow_rate)
+    return norm
+
+

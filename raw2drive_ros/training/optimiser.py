@@ -1,0 +1,51 @@
+"""AdamW with linear warm-up and gradient clipping; refuses to step on a gradient that is not finite."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor, nn
+
+
+class NonFiniteError(FloatingPointError):
+    """A loss or gradient became NaN or infinite; the weights are still those of the last good step."""
+
+
+class Optimiser:
+    def __init__(
+        self, parameters: Iterable[nn.Parameter], lr: float, weight_decay: float, clip: float, warmup: int
+    ) -> None:
+        self.parameters = [p for p in parameters if p.requires_grad]
+        self.adam = torch.optim.AdamW(self.parameters, lr, eps=1e-8, weight_decay=weight_decay, fused=True)
+        self.lr, self.clip, self.warmup = lr, clip, warmup
+        self.steps = 0
+
+    def step(self, loss: Tensor) -> float:
+        """Backward, clip, update; returns the gradient norm. Raises NonFiniteError before any change."""
+        self.adam.zero_grad(set_to_none=True)
+        loss.backward()
+        norm = float(nn.utils.clip_grad_norm_(self.parameters, self.clip))
+        if not norm < float('inf'):
+            raise NonFiniteError(f'gradient norm {norm} at step {self.steps}, loss {float(loss.detach())}')
+        self.steps += 1
+        rate = self.lr * min(1.0, self.steps / max(1, self.warmup))
+        for group in self.adam.param_groups:
+            group['lr'] = rate
+        self.adam.step()
+        return norm
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Moments by parameter index, for a checkpoint."""
+        found = {'steps': torch.tensor(self.steps)}
+        for i, parameter in enumerate(self.parameters):
+            for name, value in self.adam.state.get(parameter, {}).items():
+                found[f'{i}.{name}'] = value
+        return found
+
+    def load_tensors(self, stored: dict[str, Tensor]) -> None:
+        self.steps = int(stored['steps'])
+        for key, value in stored.items():
+            if key != 'steps':
+                index, name = key.split('.', 1)
+                self.adam.state[self.parameters[int(index)]][name] = value.clone()

@@ -1,0 +1,102 @@
+"""Look before you believe a curve: masks as truth, reconstruction and open-loop imagination, side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.training.privileged import PrivilegedTrainer
+from raw2drive_ros.training.raw import RawTrainer
+from raw2drive_ros.training.replay import Batch
+from raw2drive_ros.world_model.rssm import State
+
+# Drawn in this order; names that a preset lacks are skipped.
+COLOURS = {
+    'road': (70, 70, 70),
+    'route': (50, 120, 60),
+    'line': (220, 220, 220),
+    'lane_line': (220, 220, 220),
+    'centre_line': (230, 190, 60),
+    'crosswalk_or_stop_line': (240, 240, 240),
+    'vehicle_past': (40, 80, 130),
+    'vulnerable_past': (130, 40, 130),
+    'vehicle': (80, 160, 255),
+    'vehicle@now': (80, 160, 255),
+    'agent': (80, 160, 255),
+    'emergency': (255, 80, 80),
+    'emergency_vehicle@now': (255, 80, 80),
+    'vulnerable': (255, 0, 255),
+    'walker@now': (255, 0, 255),
+    'cyclist@now': (0, 255, 255),
+    'obstacle': (255, 160, 0),
+    'obstacle@now': (255, 160, 0),
+    'stop': (255, 0, 0),
+    'stop_light': (255, 0, 0),
+    'light_red@now': (255, 0, 0),
+    'light_green@now': (0, 255, 0),
+    'stop_sign': (255, 0, 120),
+    'stop_sign@now': (255, 0, 120),
+}
+CONTEXT = 5
+
+
+def colour_masks(masks: NDArray[np.float32], names: list[str]) -> NDArray[np.uint8]:
+    """(C, H, W) probabilities -> (H, W, 3) RGB, classes painted over one another by probability."""
+    picture = np.zeros((*masks.shape[1:], 3), np.float32)
+    for name, colour in COLOURS.items():
+        if name in names:
+            alpha = masks[names.index(name)][..., None]
+            picture = picture * (1 - alpha) + np.array(colour, np.float32) * alpha
+    return picture.astype(np.uint8)
+
+
+@torch.no_grad()
+def open_loop(trainer: PrivilegedTrainer | RawTrainer, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    """(reconstruction, open loop) mask probabilities (1, T, C*P*P, G, G) of a batch's first sequence.
+
+    Open loop: posterior for `CONTEXT` steps, then the prior alone on the recorded actions.
+    """
+    rng = trainer.generator.get_state()
+    if isinstance(trainer, PrivilegedTrainer):
+        states, _, _ = trainer.observe(batch)
+    else:
+        states = trainer.model_losses(batch)[1].raw
+    rssm, decoder = trainer.model.rssm, trainer.model.decoder
+    length = batch.action.shape[1]
+    features = [states.feature[:1, t] for t in range(min(CONTEXT, length))]
+    state = State(states.deter[:1, len(features) - 1], states.stoch[:1, len(features) - 1])
+    for t in range(len(features), length):
+        keep = (~batch.is_first[:1, t]).float().unsqueeze(-1)
+        state = State(state.deter * keep, state.stoch * keep)
+        deter = rssm.step_deter(state, batch.action[:1, t] * keep)
+        noise = torch.full((1, rssm.config.stoch), 0.5)
+        state = State(deter, rssm.sample(rssm.prior(deter), noise))
+        features.append(state.feature)
+    trainer.generator.set_state(rng)
+    posterior = torch.sigmoid(decoder(states.feature[0]))
+    dreamed = torch.sigmoid(decoder(torch.cat(features)))
+    return posterior[None], dreamed[None]
+
+
+def save_pictures(
+    folder: Path, trainer: PrivilegedTrainer | RawTrainer, batch: Batch, codec: MaskCodec
+) -> Path:
+    """A strip of truth, reconstruction and imagination over time, as `folder/<step>.png`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    posterior, dreamed = open_loop(trainer, batch)
+    names = list(trainer.config.model.mask_classes)
+    rows = []
+    for deep in (batch.masks[0], posterior[0], dreamed[0]):
+        frames = codec.to_image_order(deep.numpy())
+        step = max(1, len(frames) // 8)
+        row = [colour_masks(f, names) for f in frames[::step]]
+        rows.append(np.hstack([np.pad(f, ((1, 1), (1, 1), (0, 0)), constant_values=128) for f in row]))
+    path = folder / f'{trainer.steps:08d}.png'
+    picture = cv2.resize(np.vstack(rows), None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
+    cv2.imwrite(str(path), picture[..., ::-1])
+    return path

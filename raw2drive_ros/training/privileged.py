@@ -1,0 +1,140 @@
+"""Stage 1: the privileged world model and policy (paper, Algorithm 1, first half)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.privileged_contract import EGO_FIELDS
+from raw2drive_ros.training.config import RunConfig
+from raw2drive_ros.training.imagination import choose_starts, imagine, policy_losses, update_policy
+from raw2drive_ros.training.optimiser import Optimiser
+from raw2drive_ros.training.replay import Batch
+from raw2drive_ros.world_model.actor_critic import Policy
+from raw2drive_ros.world_model.distributions import categorical_kl, mask_loss, symlog
+from raw2drive_ros.world_model.rssm import State
+from raw2drive_ros.world_model.streams import PrivilegedWorldModel
+
+EGO_SIZE = len(EGO_FIELDS)
+
+
+def dynamics_losses(post: Tensor, prior: Tensor, free_nats: float) -> tuple[Tensor, Tensor]:
+    """(dyn, rep): KL of (B, T, S, K) log-probabilities each way of stopping the gradient, floored."""
+    dyn = categorical_kl(post.detach(), prior).clamp(min=free_nats)
+    rep = categorical_kl(post, prior.detach()).clamp(min=free_nats)
+    return dyn, rep
+
+
+class PrivilegedTrainer:
+    """Owns both networks and both optimisers; `step(batch)` is one gradient step of each."""
+
+    stage = 'privileged'
+
+    def __init__(self, config: RunConfig) -> None:
+        train = config.train
+        torch.manual_seed(train.seed)
+        self.config = config
+        self.model = PrivilegedWorldModel(config.model, EGO_SIZE, ACTION_COUNT)
+        self.policy = Policy(config.model, ACTION_COUNT)
+        self.generator = torch.Generator().manual_seed(train.seed)
+        self.steps = 0
+        self._make_optimisers()
+
+    def _make_optimisers(self) -> None:
+        t = self.config.train
+        self.model_optimiser = Optimiser(
+            self.model.parameters(), t.model_lr, t.weight_decay, t.model_clip, t.warmup
+        )
+        self._make_policy_optimiser()
+
+    def _make_policy_optimiser(self) -> None:
+        t = self.config.train
+        self.policy_optimiser = Optimiser(
+            self.policy.parameters(), t.policy_lr, t.weight_decay, t.policy_clip, t.warmup
+        )
+
+    def reset_policy(self) -> None:
+        """Fresh actor, critic, slow critic, return scale and moments; the world model stays."""
+        self.policy = Policy(self.config.model, ACTION_COUNT)
+        self._make_policy_optimiser()
+
+    def observe(self, batch: Batch) -> tuple[State, Tensor, Tensor]:
+        """Filter a batch: states (B, T, ...), posterior (B, T, S, K), and e_t (B*T, E, G, G)."""
+        b, t = batch.action.shape[:2]
+        grid, vector = self.model.encode(batch.masks.flatten(0, 1), batch.ego.flatten(0, 1))
+        embed = self.model.embed(grid, vector).view(b, t, -1)
+        uniform = torch.rand(b, t, self.config.model.stoch, generator=self.generator)
+        states, post = self.model.rssm.observe(embed, batch.action, batch.is_first, uniform)
+        return states, post, grid
+
+    def model_losses(self, batch: Batch) -> tuple[dict[str, Tensor], State]:
+        """Every loss term, each (B, T), by name; and the filtered states."""
+        b, t = batch.action.shape[:2]
+        states, post, _ = self.observe(batch)
+        prior = self.model.rssm.prior(states.deter)
+        dyn, rep = dynamics_losses(post, prior, self.config.train.free_nats)
+        feature = states.feature
+        flat = feature.flatten(0, 1)
+        masks = mask_loss(self.model.decoder(flat), batch.masks.flatten(0, 1)).view(b, t)
+        ego_error = self.model.decoder.ego(flat) - symlog(batch.ego.flatten(0, 1))
+        losses = {
+            'masks': masks,
+            'ego': ego_error.square().sum(-1).view(b, t),
+            'reward': self.model.reward.loss(feature, batch.reward),
+            'continue': self.model.cont.loss(feature, batch.cont),
+            'dyn': dyn,
+            'rep': rep,
+        }
+        return losses, states
+
+    def weigh(self, losses: dict[str, Tensor]) -> Tensor:
+        """The weighted sum; a missing or unknown name is an error, so no term can be lost by a typo."""
+        t = self.config.train
+        weights = {
+            'masks': t.weight_pred,
+            'ego': t.weight_pred,
+            'reward': t.weight_reward,
+            'continue': 1.0,
+            'dyn': t.weight_dyn,
+            'rep': t.weight_rep,
+        }
+        if set(weights) != set(losses):
+            raise KeyError(f'losses {sorted(losses)} do not match weights {sorted(weights)}')
+        return torch.stack([weights[name] * losses[name].mean() for name in weights]).sum()
+
+    def step(self, batch: Batch) -> dict[str, float]:
+        t = self.config.train
+        losses, states = self.model_losses(batch)
+        total = self.weigh(losses)
+        metrics = {f'loss/{name}': float(value.detach().mean()) for name, value in losses.items()}
+        metrics['grad/model'] = self.model_optimiser.step(total)
+        self.steps += 1
+        if self.steps == t.reset_policy_at:
+            self.reset_policy()
+        if self.steps > t.policy_after and self.steps % t.policy_every == 0:
+            start, _ = choose_starts(states, (), batch.cont, t.starts, self.generator)
+            metrics |= self.policy_step(start)
+        return metrics
+
+    def policy_step(self, start: State) -> dict[str, float]:
+        """One actor-critic update from imagined rollouts."""
+        t = self.config.train
+        rollout = imagine(
+            self.model.rssm,
+            self.policy.actor,
+            start,
+            self.model.reward,
+            self.model.cont,
+            t.horizon,
+            self.generator,
+        )
+        actor, critic, metrics = policy_losses(self.policy, rollout, t)
+        metrics['grad/policy'] = update_policy(self.policy, self.policy_optimiser, actor + critic, t)
+        return metrics
+
+    def modules(self) -> dict[str, torch.nn.Module]:
+        return {'model': self.model, 'policy': self.policy}
+
+    def optimisers(self) -> dict[str, Optimiser]:
+        return {'model': self.model_optimiser, 'policy': self.policy_optimiser}

@@ -1,0 +1,178 @@
+"""A training run: one folder with config, metrics, pictures and checkpoints, and the loop that fills it."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from raw2drive_ros.recording.bag_reader import find_bags
+from raw2drive_ros.recording.dataset import BagArrays, load_bags, rig_of
+from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.training.checkpoint import (
+    CheckpointError,
+    Trainer,
+    load_checkpoint,
+    load_weights,
+    newest_checkpoint,
+    save_checkpoint,
+)
+from raw2drive_ros.training.config import RunConfig, make_config
+from raw2drive_ros.training.pictures import save_pictures
+from raw2drive_ros.training.privileged import PrivilegedTrainer
+from raw2drive_ros.training.raw import RawTrainer
+from raw2drive_ros.training.replay import Replay
+
+Report = Callable[[int, dict[str, float]], None]
+
+
+@dataclass(slots=True)
+class RunFolder:
+    """config.json, metrics.jsonl, tensorboard/, pictures/, checkpoints/ of one run."""
+
+    path: Path
+    _board: Any = field(default=None, init=False)
+
+    @property
+    def checkpoints(self) -> Path:
+        return self.path / 'checkpoints'
+
+    def save_config(self, config: RunConfig, facts: dict[str, Any]) -> None:
+        self.path.mkdir(parents=True, exist_ok=True)
+        body = {'config': config.model_dump(mode='json')} | facts
+        (self.path / 'config.json').write_text(json.dumps(body, indent=2))
+
+    def log(self, step: int, metrics: dict[str, float]) -> None:
+        with (self.path / 'metrics.jsonl').open('a') as file:
+            file.write(json.dumps({'step': step, 'time': time.time()} | metrics) + '\n')
+        if self._board is None:
+            from tensorboardX import SummaryWriter
+
+            self._board = SummaryWriter(str(self.path / 'tensorboard'))
+        for name, value in metrics.items():
+            self._board.add_scalar(name, value, step)
+
+    def truncate(self, step: int) -> None:
+        """Drop metrics after `step`: they belong to work that the last kill lost."""
+        file = self.path / 'metrics.jsonl'
+        if file.exists():
+            kept = [line for line in file.read_text().splitlines() if json.loads(line)['step'] <= step]
+            file.write_text(''.join(line + '\n' for line in kept))
+
+
+def read_run_config(run: Path) -> RunConfig:
+    """The configuration of an existing run. Raises CheckpointError."""
+    try:
+        return RunConfig(**json.loads((run / 'config.json').read_text())['config'])
+    except (OSError, ValueError, KeyError) as error:
+        raise CheckpointError(f'{run}: not a training run (config.json: {error})') from error
+
+
+def load_teacher(run: Path) -> PrivilegedTrainer:
+    """The newest privileged networks of a stage-1 run. Raises CheckpointError."""
+    config = read_run_config(run)
+    checkpoint = newest_checkpoint(run / 'checkpoints')
+    if checkpoint is None:
+        raise CheckpointError(f'{run}: has no checkpoint yet; run `raw2drive train privileged` first')
+    teacher = PrivilegedTrainer(config)
+    load_weights(checkpoint, teacher)
+    return teacher
+
+
+def set_threads(count: int) -> None:
+    """Fixed threads make a run repeatable; huge pages halve the cost of large elementwise kernels."""
+    os.environ.setdefault('THP_MEM_ALLOC_ENABLE', '1')
+    torch.set_num_threads(count)
+
+
+def train(
+    stage: str,
+    run: Path,
+    bag_roots: list[Path],
+    cache: Path,
+    steps: int,
+    preset: str = 'laptop',
+    overrides: dict[str, Any] | None = None,
+    teacher_run: Path | None = None,
+    *,
+    report: Report = lambda step, metrics: None,
+    loading: Callable[[int, int], None] = lambda done, total: None,
+) -> Trainer:
+    """Train `stage` in folder `run` up to `steps` gradient steps, resuming where the folder stopped.
+
+    A run that exists keeps its own preset; `overrides` apply on top of it (recorded in config.json).
+    """
+    folder = RunFolder(run)
+    resumed = newest_checkpoint(folder.checkpoints)
+    if resumed is not None:
+        stored = read_run_config(run)
+        config = make_config(stored.preset, stored.train.model_dump() | (overrides or {}))
+    else:
+        config = make_config(preset, overrides)
+    set_threads(config.train.threads)
+    paths = find_bags(bag_roots)
+    raw = stage == 'raw'
+    bags = load_bags(paths, cache, config.model, cameras=raw, progress=loading)
+    trainer = _make_trainer(stage, config, bags, teacher_run, steps)
+    t = config.train
+    length = t.raw_length if raw else t.length
+    replay = Replay(bags, MaskCodec(config.model), length, t.terminal_share, t.seed)
+    if resumed is not None:
+        state = load_checkpoint(resumed, trainer, replay)
+        folder.truncate(trainer.steps)
+        if state['stage'] != stage:
+            raise CheckpointError(f'{run}: is a {state["stage"]} run, not a {stage} one')
+    folder.save_config(
+        config,
+        {
+            'stage': stage,
+            'teacher': str(teacher_run) if teacher_run else None,
+            'bags': [{'path': str(b.path), 'id': b.identity, 'ticks': len(b)} for b in bags],
+        },
+    )
+    _loop(trainer, replay, folder, steps, report, raw=raw)
+    return trainer
+
+
+def _make_trainer(
+    stage: str, config: RunConfig, bags: list[BagArrays], teacher_run: Path | None, steps: int
+) -> Trainer:
+    if stage == 'privileged':
+        return PrivilegedTrainer(config)
+    if teacher_run is None:
+        raise CheckpointError('stage raw needs the run of a privileged teacher (--teacher)')
+    teacher = load_teacher(teacher_run)
+    if teacher.config.model != config.model:
+        raise CheckpointError(f'{teacher_run}: its model sizes differ from preset {config.preset}')
+    return RawTrainer(config, teacher, rig_of(bags[0].path), steps)
+
+
+def _loop(
+    trainer: Trainer, replay: Replay, folder: RunFolder, steps: int, report: Report, *, raw: bool
+) -> None:
+    t = trainer.config.train
+    size = t.raw_batch if raw else t.batch
+    sums: dict[str, list[float]] = {}
+    started = time.perf_counter()
+    while trainer.steps < steps:
+        batch = replay.sample(size, images=raw)
+        metrics = trainer.step(batch)
+        for name, value in metrics.items():
+            sums.setdefault(name, []).append(value)
+        if trainer.steps % t.log_every == 0 or trainer.steps == steps:
+            means = {name: float(np.mean(values)) for name, values in sums.items()}
+            means['time/step_s'] = (time.perf_counter() - started) / len(sums['grad/model'])
+            folder.log(trainer.steps, means)
+            report(trainer.steps, means)
+            sums, started = {}, time.perf_counter()
+        if trainer.steps % t.picture_every == 0 or trainer.steps == steps:
+            save_pictures(folder.path / 'pictures', trainer, batch, replay.codec)
+        if trainer.steps % t.checkpoint_every == 0 or trainer.steps == steps:
+            save_checkpoint(folder.checkpoints, trainer, replay, {})
