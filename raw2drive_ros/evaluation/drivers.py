@@ -1,0 +1,144 @@
+"""Every driver behind one interface for the in-process loop: `control(env, frame, tick) -> Decision`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import torch
+
+from raw2drive_ros.actions import ACTION_COUNT, ACTIONS, nearest_action
+from raw2drive_ros.contract import Decision, SensorFrame
+from raw2drive_ros.driving.baselines import RandomDriver, StraightDriver
+from raw2drive_ros.driving.driver import Driver
+from raw2drive_ros.evaluation.rule_driver import RuleDriver
+from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.simulation.environment import DrivingEnv, Tick
+from raw2drive_ros.world_model.distributions import sample_one_hot
+from raw2drive_ros.world_model.rssm import State
+
+DRIVER_NAMES = ('raw', 'privileged', 'rule', 'straight', 'random')
+
+
+class UnknownDriverError(ValueError):
+    """No driver of that name; the message lists the known ones."""
+
+
+class EpisodeDriver(Protocol):
+    """Sees the sensor frame; drivers that are privileged by design may also read the environment."""
+
+    needs_cameras: bool
+    needs_bev: bool
+
+    def reset(self, seed: int) -> None:
+        """A new episode begins."""
+
+    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
+        """Decide on one tick."""
+
+
+class SensorOnly:
+    """A `driving.Driver`: exactly what the planner node runs."""
+
+    needs_bev = False
+
+    def __init__(self, driver: Driver, *, cameras: bool) -> None:
+        self.driver = driver
+        self.needs_cameras = cameras
+
+    def reset(self, seed: int) -> None:
+        if isinstance(self.driver, RandomDriver):
+            self.driver.seed = seed
+        self.driver.reset()
+
+    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
+        return self.driver.drive(frame, tick.route)
+
+
+class RuleEpisodes:
+    """The rule driver, with a fresh noise state per episode."""
+
+    needs_cameras = needs_bev = False
+
+    def __init__(self, noise: float = 0.0) -> None:
+        self.noise = noise
+
+    def reset(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.driver = RuleDriver(rng, self.noise if rng.random() < 0.75 else 0.0)
+
+    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
+        assert env.world is not None
+        control = self.driver.control(env.world)
+        return Decision(frame.stamp_ns, control, nearest_action(control))
+
+
+class PrivilegedEpisodes:
+    """The stage-1 policy on BEV masks. noise: share of decisions that are sampled instead of the mode."""
+
+    needs_cameras, needs_bev = False, True
+
+    def __init__(self, run: Path, noise: float = 0.0) -> None:
+        from raw2drive_ros.training.run import load_teacher
+
+        trainer = load_teacher(run)
+        self.model, self.actor = trainer.model.eval(), trainer.policy.actor.eval()
+        self.codec = MaskCodec(trainer.config.model)
+        self.noise = noise
+
+    def reset(self, seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.sampled = self.noise if self.rng.random() < 0.75 else 0.0
+        self.burst = 0
+        self.state = self.model.rssm.initial(1)
+        self.action = torch.zeros(1, ACTION_COUNT)
+
+    @torch.inference_mode()
+    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
+        assert tick.privileged is not None
+        deep = self.codec.unpack(self.codec.pack(tick.privileged.bev)[None])
+        masks = torch.from_numpy(deep).float()
+        grid, vector = self.model.encode(masks, torch.from_numpy(tick.privileged.ego)[None])
+        rssm = self.model.rssm
+        deter = rssm.step_deter(self.state, self.action)
+        post = rssm.posterior(deter, rssm.post_embed(self.model.embed(grid, vector)))
+        stoch = torch.nn.functional.one_hot(post.argmax(-1), post.shape[-1]).float().flatten(-2)
+        self.state = State(deter, stoch)
+        log_probs = self.actor(self.state.feature)
+        action = int(log_probs.argmax(-1))
+        if self.burst == 0 and self.sampled and self.rng.random() < self.sampled:
+            self.burst = int(self.rng.integers(1, 8))
+            self.random_action = int(self.rng.integers(ACTION_COUNT))
+        if self.burst > 0:
+            self.burst -= 1
+            action = self.random_action
+        elif self.sampled:
+            uniform = torch.tensor([self.rng.random()], dtype=torch.float32)
+            action = int(sample_one_hot(log_probs, uniform).argmax(-1))
+        self.action = torch.nn.functional.one_hot(torch.tensor([action]), ACTION_COUNT).float()
+        return Decision(frame.stamp_ns, ACTIONS[action], action)
+
+
+def make_driver(
+    name: str, bundle: Path | None = None, run: Path | None = None, noise: float = 0.0, threads: int = 1
+) -> EpisodeDriver:
+    """A driver by name. Raises UnknownDriverError, BundleError or CheckpointError."""
+    if name == 'random':
+        return SensorOnly(RandomDriver(), cameras=False)
+    if name == 'straight':
+        return SensorOnly(StraightDriver(), cameras=False)
+    if name == 'rule':
+        return RuleEpisodes(noise)
+    if name == 'privileged':
+        if run is None:
+            raise UnknownDriverError('driver privileged needs the run that trained it (--run)')
+        return PrivilegedEpisodes(run, noise)
+    if name == 'raw':
+        from raw2drive_ros.driving.bundle import load_bundle
+        from raw2drive_ros.driving.driver import RawDriver
+
+        if bundle is None:
+            raise UnknownDriverError('driver raw needs a policy bundle (--bundle)')
+        return SensorOnly(RawDriver(load_bundle(bundle), threads), cameras=True)
+    raise UnknownDriverError(f'unknown driver {name!r}; known: {", ".join(DRIVER_NAMES)}')
