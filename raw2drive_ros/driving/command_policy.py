@@ -1,0 +1,32 @@
+"""What a vehicle does while no command arrives: hold the last one briefly, then brake. Never wait for ever."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from raw2drive_ros.contract import Control
+
+
+@dataclass(slots=True)
+class CommandPolicy:
+    """hold_s: how long a command stays good, in simulated or vehicle time. brake: pedal after that."""
+
+    hold_s: float
+    brake: float
+    last: Control | None = None
+    last_ns: int = 0
+    missed: int = 0
+
+    def reset(self) -> None:
+        self.last, self.last_ns = None, 0
+
+    def accept(self, control: Control, stamp_ns: int) -> None:
+        self.last, self.last_ns = control, stamp_ns
+
+    def missing(self, stamp_ns: int) -> Control:
+        """The substitute at `stamp_ns`."""
+        self.missed += 1
+        if self.last is not None and (stamp_ns - self.last_ns) * 1e-9 <= self.hold_s:
+            return self.last
+        steer = self.last.steer if self.last is not None else 0.0
+        return Control(0.0, self.brake, steer)

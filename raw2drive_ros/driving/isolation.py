@@ -1,0 +1,47 @@
+"""Keeps privileged code out of the planner's process: importing it raises, and so does subscribing to it."""
+
+from __future__ import annotations
+
+import importlib.abc
+import importlib.machinery
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+
+FORBIDDEN = (
+    'msg_adapters.privileged',
+    'raw2drive_ros.privileged_contract',
+    'raw2drive_ros.simulation',
+    'raw2drive_ros.training',
+    'raw2drive_ros.evaluation',
+    'raw2drive_ros.recording',
+)
+
+
+class PrivilegedImportError(ImportError):
+    """Something in the planner's process tried to reach privileged code or data."""
+
+
+class _Blocker(importlib.abc.MetaPathFinder):
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if any(fullname == name or fullname.startswith(name + '.') for name in FORBIDDEN):
+            raise PrivilegedImportError(f'{fullname} is privileged and cannot be imported by the planner')
+        return None
+
+
+def block_privileged_imports() -> None:
+    """From now on, in this process. Raises PrivilegedImportError when it is too late already."""
+    loaded = sorted(
+        m for m in sys.modules if any(m == name or m.startswith(name + '.') for name in FORBIDDEN)
+    )
+    if loaded:
+        raise PrivilegedImportError(f'already imported: {", ".join(loaded)}')
+    sys.meta_path.insert(0, _Blocker())
+
+
+def refuse_privileged_topic(topic: str) -> None:
+    """Raises PrivilegedImportError for any topic under /privileged."""
+    if '/privileged' in f'/{topic.lstrip("/")}':
+        raise PrivilegedImportError(f'{topic} is privileged; the planner may not subscribe to it')

@@ -1,0 +1,306 @@
+"""Simulation bridge: publishes everything of every tick, and drives the simulated car by the commands.
+
+Lock-step: waits for the command that carries the tick's stamp, exact and faster than real time.
+Real time: paced by the wall clock; a late command is late, as on a car.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from msg_adapters.commands import decision_from_message
+from msg_adapters.diagnostics import OK, WARN
+from msg_adapters.factory import RclpyFactory
+from raw2drive_ros import topics
+from raw2drive_ros.contract import ContractError, Control
+from raw2drive_ros.driving.command_policy import CommandPolicy
+from raw2drive_ros.evaluation.episode import result_of
+from raw2drive_ros.evaluation.evaluate import timing_of
+from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
+from raw2drive_ros.nodes.parameters import declare
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
+from raw2drive_ros.nodes.runtime import NodeError, run_node
+from raw2drive_ros.recording.tick_messages import TickMessages
+from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
+from raw2drive_ros.simulation.scenario import UnknownScenarioError, get_scenario
+from raw2drive_ros.timing import load_timing
+
+
+class BridgeNode(Node):
+    """Parameters are described where they are declared; services: ~/reset, ~/pause."""
+
+    def __init__(self) -> None:
+        super().__init__('bridge')
+        p = declare(
+            self,
+            {
+                'episodes': ('', 'comma list of scenario/seed to drive; empty: `scenario` and `seed`, then on'),
+                'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
+                'seed': (0, 'seed for ~/reset and for endless driving'),
+                'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
+                'image_height': (96, 'camera image height in pixels'),
+                'image_width': (160, 'camera image width in pixels'),
+                'bev': (True, 'publish privileged BEV masks'),
+                'wait_for_image_subscribers': (1, 'start when the front camera has so many subscribers'),
+                'result_file': ('', 'write results as JSON here when all episodes are driven'),
+                'progress_file': ('', 'append one JSON line per second of simulated time here'),
+                'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
+            },
+        )
+        self.p = p
+        self.timing = load_timing()
+        if p['image_height'] <= 0 or p['image_width'] <= 0:
+            raise NodeError('image_height and image_width must be positive')
+        self.lock_step = bool(p['lock_step'])
+        self.queue = _parse_episodes(p['episodes'])
+        self.endless = not self.queue
+        get_scenario(p['scenario'])
+        config = SimulationConfig(
+            (p['image_height'], p['image_width']), bev=p['bev'], end_on_infraction=False
+        )
+        self.env = DrivingEnv(config)
+        self.messages = TickMessages(RclpyFactory(), self.env.rig)
+        self.losses = LossCounter()
+        self.policy = CommandPolicy(self.timing.command_hold_s, self.timing.command_brake)
+        self.outputs: dict[str, Any] = {}
+        for spec in topics.TOPICS:
+            if spec.publisher.startswith('bridge'):
+                self.outputs[spec.name] = make_publisher(self, spec.name)
+        make_subscription(self, topics.COMMAND, self._on_command, self.losses)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        self.diagnostics = DiagnosticsPublisher(self, self._describe)
+        self.create_timer(1.0, self.diagnostics.publish)
+        self.answer: tuple[int, Control] | None = None
+        self.reset_to: tuple[str, int] | None = None
+        self.paused = False
+        self.bad_commands = 0
+        self.tick_ms: list[float] = []
+        self.results: list[dict[str, Any]] = []
+        self.episode = ''
+        self.tick_started = 0.0
+
+    # -- main loop --------------------------------------------------------------------------------
+
+    def run(self, executor: SingleThreadedExecutor) -> None:
+        """Drive all episodes; returns when they are done."""
+        self.executor_ = executor
+        self._check_alone()
+        self._wait_for_peers()
+        for topic, _, message in self.messages.latched(self.env.clock_ns + 1):
+            self.outputs[topic].publish(message)
+        seed = int(self.p['seed'])
+        index = 0
+        while self.endless or index < len(self.queue):
+            scenario, episode_seed = (
+                (self.p['scenario'], seed + index) if self.endless else self.queue[index]
+            )
+            if self.reset_to is not None:
+                scenario, episode_seed = self.reset_to
+                self.reset_to = None
+            self._drive(scenario, episode_seed, index)
+            index += self.reset_to is None
+        self._write_results()
+
+    def _drive(self, scenario: str, seed: int, index: int) -> None:
+        tick, _ = self.env.reset(seed=seed, options={'scenario': scenario})
+        self.episode = f'{scenario}/{seed}'
+        self.policy.reset()
+        self._publish_route(tick)
+        ticks = 0
+        limit = int(self.p['max_ticks'])
+        while not self.env.done and (not limit or ticks < limit):
+            self.tick_started = time.perf_counter()
+            self._publish(tick)
+            control = self._wait_for_command(tick)
+            while self.paused:
+                self.executor_.spin_once(timeout_sec=0.1)
+            if self.reset_to is not None:
+                return
+            tick, *_ = self.env.step(control)
+            ticks += 1
+            self.tick_ms.append((time.perf_counter() - self.tick_started) * 1e3)
+            if ticks % 10 == 0:
+                self._progress(index, ticks)
+                self._publish_route(tick, wait=False)
+        self._publish(tick)
+        self.results.append(result_of(self.env).to_json())
+        self._progress(index, ticks, done=True)
+
+    def _wait_for_command(self, tick: Tick) -> Control:
+        """Lock-step: the answer to this stamp. Real time: what has arrived when the tick's time is up."""
+        period = 1.0 / self.timing.decision_rate_hz
+        wait = self.timing.lock_step_timeout_s if self.lock_step else period
+        deadline = self.tick_started + wait
+        while (left := deadline - time.perf_counter()) > 0:
+            if self.lock_step and self.answer is not None and self.answer[0] == tick.stamp_ns:
+                self.policy.accept(self.answer[1], tick.stamp_ns)
+                return self.answer[1]
+            self.executor_.spin_once(timeout_sec=min(left, 0.05))
+            if self.reset_to is not None:
+                break
+        newest = self.answer
+        if not self.lock_step and newest is not None:
+            age_s = (tick.stamp_ns - newest[0]) * 1e-9
+            if 0.0 <= age_s <= self.timing.command_hold_s:
+                self.policy.accept(newest[1], newest[0])
+                return newest[1]
+        control = self.policy.missing(tick.stamp_ns)
+        self.get_logger().warning(
+            f'no command for {tick.stamp_ns} ns; applying {control}', throttle_duration_sec=1.0
+        )
+        return control
+
+    # -- publishing -------------------------------------------------------------------------------
+
+    def _publish_route(self, tick: Tick, *, wait: bool = True) -> None:
+        """Latched and repeated; a new one is acknowledged before the first image of its episode is sent."""
+        topic, _, message = self.messages.route(tick)
+        publisher = self.outputs[topic]
+        publisher.publish(message)
+        if wait:
+            publisher.wait_for_all_acked(Duration(seconds=2))
+
+    def _publish(self, tick: Tick) -> None:
+        clock = self.messages.factory.new('rosgraph_msgs/msg/Clock')
+        clock.clock.sec, clock.clock.nanosec = divmod(tick.stamp_ns, 1_000_000_000)
+        self.outputs[topics.CLOCK].publish(clock)
+        for source in (
+            self.messages.motion(tick),
+            self.messages.privileged(tick, self.episode),
+            self.messages.cameras(tick),
+        ):
+            for topic, _, message in source:
+                self.outputs[topic].publish(message)
+
+    # -- callbacks --------------------------------------------------------------------------------
+
+    def _on_command(self, message: Any) -> None:
+        try:
+            decision = decision_from_message(message)
+            self.answer = (decision.stamp_ns, decision.control.validate())
+        except ContractError as error:
+            self.bad_commands += 1
+            self.get_logger().error(f'command refused: {error}', throttle_duration_sec=1.0)
+
+    def _on_reset(self, request: Any, response: Any) -> Any:
+        """Start over with the parameters `scenario` and `seed`."""
+        scenario = str(self.get_parameter('scenario').value)
+        seed = int(self.get_parameter('seed').value or 0)
+        try:
+            get_scenario(scenario)
+        except UnknownScenarioError as error:
+            response.success, response.message = False, str(error)
+            return response
+        self.p['scenario'] = scenario
+        self.reset_to = (scenario, seed)
+        response.success, response.message = True, f'{scenario}/{seed}'
+        return response
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        self.paused = bool(request.data)
+        response.success, response.message = True, 'paused' if self.paused else 'running'
+        return response
+
+    def _describe(self) -> tuple[int, str, dict[str, Any]]:
+        level = WARN if self.policy.missed or self.losses.total or self.bad_commands else OK
+        values = {
+            'episode': self.episode,
+            'commands_missed': self.policy.missed,
+            'commands_refused': self.bad_commands,
+            'messages_lost': self.losses.total,
+            'paused': self.paused,
+        }
+        return level, 'driving' if self.episode else 'waiting for peers', values
+
+    # -- start and end ----------------------------------------------------------------------------
+
+    def _check_alone(self) -> None:
+        """Two bridges in one domain would mix two worlds."""
+        deadline = time.perf_counter() + 1.0
+        while time.perf_counter() < deadline:
+            self.executor_.spin_once(timeout_sec=0.1)
+        if self.count_publishers(topics.CLOCK) > 1:
+            domain = os.environ.get('ROS_DOMAIN_ID', '0')
+            raise NodeError(
+                f'another node publishes {topics.CLOCK} in ROS domain {domain}: '
+                'stop it, or choose another domain with ROS_DOMAIN_ID or --domain'
+            )
+
+    def _wait_for_peers(self) -> None:
+        front = self.outputs[topics.image_topic('front')]
+        wanted = int(self.p['wait_for_image_subscribers'])
+        deadline = time.perf_counter() + self.timing.discovery_timeout_s
+        while (
+            front.get_subscription_count() < wanted or self.count_publishers(topics.COMMAND) < 1
+        ):
+            if time.perf_counter() > deadline:
+                if self.endless:
+                    self.get_logger().warning('no planner yet; waiting on')
+                    deadline = time.perf_counter() + self.timing.discovery_timeout_s
+                    continue
+                raise NodeError(
+                    f'{front.get_subscription_count()} of {wanted} image subscribers and '
+                    f'{self.count_publishers(topics.COMMAND)} command publishers after '
+                    f'{self.timing.discovery_timeout_s:.0f} s: is the planner active and the gate running?'
+                )
+            self.executor_.spin_once(timeout_sec=0.1)
+        # Discovery matches topic by topic; give the slowest pair a moment.
+        deadline = time.perf_counter() + 1.0
+        while time.perf_counter() < deadline:
+            self.executor_.spin_once(timeout_sec=0.1)
+
+    def _progress(self, index: int, ticks: int, *, done: bool = False) -> None:
+        if not self.p['progress_file']:
+            return
+        assert self.env.world is not None
+        line = {
+            'index': index,
+            'episode': self.episode,
+            'ticks': ticks,
+            'completion': self.env.criteria.route_completion(self.env.world),
+            'ticks_per_s': timing_of(self.tick_ms[-50:])['ticks_per_s'],
+            'done': done,
+        }
+        with Path(self.p['progress_file']).open('a') as file:
+            file.write(json.dumps(line) + '\n')
+
+    def _write_results(self) -> None:
+        if not self.p['result_file']:
+            return
+        timing = timing_of(self.tick_ms, self.losses.total)
+        timing['commands_missed'] = self.policy.missed
+        target = Path(self.p['result_file'])
+        partial = target.with_suffix('.partial')
+        partial.write_text(json.dumps({'routes': self.results, 'timing': timing}))
+        os.replace(partial, target)
+
+
+def _parse_episodes(text: str) -> list[tuple[str, int]]:
+    """'A/1,B/2' -> [('A', 1), ('B', 2)]. Raises NodeError or UnknownScenarioError."""
+    episodes = []
+    for part in filter(None, (p.strip() for p in text.split(','))):
+        name, _, seed = part.partition('/')
+        if not seed.isdigit():
+            raise NodeError(f'episode {part!r} is not of the form scenario/seed')
+        get_scenario(name)
+        episodes.append((name, int(seed)))
+    return episodes
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(BridgeNode, args)
+
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

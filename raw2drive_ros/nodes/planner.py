@@ -1,0 +1,252 @@
+"""Raw-sensor planner: cameras, IMU, odometry and route in, proposed commands out. A lifecycle node.
+
+This process cannot import privileged code nor subscribe to a privileged topic (`driving.isolation`).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from raw2drive_ros.driving.isolation import block_privileged_imports, refuse_privileged_topic
+
+block_privileged_imports()
+
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn  # noqa: E402
+
+from msg_adapters.commands import decision_to_message  # noqa: E402
+from msg_adapters.diagnostics import ERROR, OK, WARN  # noqa: E402
+from msg_adapters.factory import RclpyFactory  # noqa: E402
+from msg_adapters.sensors import (  # noqa: E402
+    calibration_from_messages,
+    image_from_message,
+    imu_from_message,
+    odometry_from_message,
+    route_from_message,
+)
+from msg_adapters.stamps import stamp_ns  # noqa: E402
+from raw2drive_ros import topics  # noqa: E402
+from raw2drive_ros.contract import (  # noqa: E402
+    CameraCalibration,
+    ContractError,
+    ImuSample,
+    OdometrySample,
+    Route,
+    SensorFrame,
+)
+from raw2drive_ros.driving.bundle import Bundle, BundleError, check_rig, load_bundle  # noqa: E402
+from raw2drive_ros.driving.driver import RawDriver  # noqa: E402
+from raw2drive_ros.driving.frame_assembler import FrameAssembler  # noqa: E402
+from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher  # noqa: E402
+from raw2drive_ros.nodes.parameters import declare  # noqa: E402
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription  # noqa: E402
+from raw2drive_ros.nodes.runtime import NodeError, run_node, spin  # noqa: E402
+
+
+class PlannerNode(LifecycleNode):
+    """configure loads and warms the model, activate starts listening and publishing."""
+
+    def __init__(self) -> None:
+        super().__init__('planner')
+        self.p = declare(
+            self,
+            {
+                'bundle': ('', 'folder of the policy bundle'),
+                'threads': (1, 'torch threads for inference'),
+                'autostart': (True, 'configure and activate at start, without a lifecycle manager'),
+                'stats_file': ('', 'write latency and loss figures as JSON here at the end'),
+            },
+        )
+        self.factory = RclpyFactory()
+        self.losses = LossCounter()
+        self.bundle: Bundle | None = None
+        self.driver: RawDriver | None = None
+        self.failure = ''
+        self._inputs: list[Any] = []
+        self.latency_ms: deque[float] = deque(maxlen=100_000)
+        self._forget()
+        self.diagnostics = DiagnosticsPublisher(self, self._describe)
+        self.create_timer(1.0, self.diagnostics.publish)
+
+    def create_subscription(self, msg_type: Any, topic: str, *args: Any, **kwargs: Any) -> Any:
+        """Refuses privileged topics, whoever asks."""
+        refuse_privileged_topic(topic)
+        return super().create_subscription(msg_type, topic, *args, **kwargs)
+
+    def run(self, executor: Any) -> None:
+        if self.p['autostart']:
+            for transition in (self.trigger_configure, self.trigger_activate):
+                if transition() != TransitionCallbackReturn.SUCCESS:
+                    raise NodeError(self.failure or 'the planner could not start')
+        spin(self, executor)
+
+    # -- lifecycle --------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the bundle and decide once on an empty frame, so that the first real one is fast."""
+        try:
+            if not self.p['bundle']:
+                raise BundleError('parameter `bundle` is empty; give the folder of a policy bundle')
+            self.bundle = load_bundle(Path(self.p['bundle']))
+            self.driver = RawDriver(self.bundle, int(self.p['threads']))
+            self._warm_up()
+        except (BundleError, ContractError) as error:
+            self.failure = str(error)
+            self.get_logger().error(self.failure)
+            return TransitionCallbackReturn.FAILURE
+        self.output = make_publisher(self, topics.PROPOSED)
+        self.get_logger().info(f'bundle {self.bundle.identity} from {self.bundle.path}')
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        assert self.bundle is not None
+        self._forget()
+        self.assembler = FrameAssembler(tuple(c.name for c in self.bundle.rig))
+        # The route first: when route and images wait together, the route is handled first.
+        self._listen(topics.ROUTE, self._on_route)
+        for camera in self.assembler.cameras:
+            self._listen(topics.extrinsics_topic(camera), self._keep(self.extrinsics, camera))
+            self._listen(topics.camera_info_topic(camera), self._keep(self.infos, camera))
+        self._listen(topics.IMU, self._on_imu)
+        self._listen(topics.ODOMETRY, self._on_odometry)
+        for camera in self.assembler.cameras:
+            self._listen(topics.image_topic(camera), self._image_callback(camera))
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Falls silent; the gate then stops the car."""
+        self._stop_listening()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._stop_listening()
+        self.bundle = self.driver = None
+        self.destroy_publisher(self.output)
+        return TransitionCallbackReturn.SUCCESS
+
+    def _forget(self) -> None:
+        self.route: Route | None = None
+        self.extrinsics: dict[str, Any] = {}
+        self.infos: dict[str, Any] = {}
+        self.rig_checked = False
+        self.refused = 0
+
+    def _listen(self, topic: str, callback: Any) -> None:
+        self._inputs.append(make_subscription(self, topic, callback, self.losses))
+
+    def _stop_listening(self) -> None:
+        for subscription in self._inputs:
+            self.destroy_subscription(subscription)
+        self._inputs.clear()
+
+    def _warm_up(self) -> None:
+        assert self.bundle is not None and self.driver is not None
+        height, width = self.bundle.config.image_size
+        blank = np.zeros((height, width, 3), np.uint8)
+        imu, odometry = ImuSample(0, (0.0, 0.0, 9.81), (0.0,) * 3), OdometrySample(0, 0, 0, 0, 0, 0)
+        frame = SensorFrame(0, {c.name: blank for c in self.bundle.rig}, imu, odometry)
+        for _ in range(3):
+            self.driver.drive(frame, Route(0, np.array([[0.0, 0.0], [25.0, 0.0]])))
+        self.driver.reset()
+
+    # -- inputs -----------------------------------------------------------------------------------
+
+    def _keep(self, store: dict[str, Any], camera: str) -> Any:
+        def callback(message: Any) -> None:
+            store[camera] = message
+
+        return callback
+
+    def _on_route(self, message: Any) -> None:
+        self.route = self._checked(route_from_message, message) or self.route
+
+    def _on_imu(self, message: Any) -> None:
+        sample = self._checked(imu_from_message, message)
+        if sample is not None:
+            self._decide(self.assembler.add_imu(sample))
+
+    def _on_odometry(self, message: Any) -> None:
+        sample = self._checked(odometry_from_message, message)
+        if sample is not None:
+            self._decide(self.assembler.add_odometry(sample))
+
+    def _image_callback(self, camera: str) -> Any:
+        def callback(message: Any) -> None:
+            image = self._checked(image_from_message, message)
+            if image is not None:
+                self._decide(self.assembler.add_image(camera, stamp_ns(message.header.stamp), image))
+
+        return callback
+
+    def _checked(self, convert: Any, message: Any) -> Any:
+        """A converted message, or None for one that breaks its contract: logged, counted, not used."""
+        try:
+            return convert(message)
+        except ContractError as error:
+            self.refused += 1
+            self.failure = str(error)
+            self.get_logger().error(f'input refused: {error}', throttle_duration_sec=1.0)
+            return None
+
+    def _decide(self, frame: SensorFrame | None) -> None:
+        if frame is None or self.driver is None or self.route is None:
+            return
+        try:
+            if not self.rig_checked:
+                self._check_cameras()
+            decision = self.driver.drive(frame, self.route)
+        except (ContractError, BundleError) as error:
+            self.failure = str(error)
+            self.get_logger().error(self.failure, throttle_duration_sec=1.0)
+            return
+        self.latency_ms.append(decision.inference_ms)
+        self.output.publish(decision_to_message(self.factory, decision))
+
+    def _check_cameras(self) -> None:
+        """Raises BundleError until every camera's calibration is known and equals the bundle's."""
+        assert self.bundle is not None
+        missing = [c for c in self.assembler.cameras if c not in self.infos or c not in self.extrinsics]
+        if missing:
+            raise BundleError(f'no calibration yet for {", ".join(missing)}')
+        rig: tuple[CameraCalibration, ...] = tuple(
+            calibration_from_messages(c, self.infos[c], self.extrinsics[c]) for c in self.assembler.cameras
+        )
+        check_rig(self.bundle, rig)
+        self.rig_checked, self.failure = True, ''
+
+    # -- reporting --------------------------------------------------------------------------------
+
+    def figures(self) -> dict[str, Any]:
+        """Latency of sensor frame to decision in this process, and what was lost."""
+        p50, p99 = np.percentile(self.latency_ms, [50, 99]) if self.latency_ms else (None, None)
+        return {
+            'planner_ms': {'p50': p50, 'p99': p99},
+            'decisions': len(self.latency_ms),
+            'messages_lost': self.losses.total,
+            'inputs_refused': self.refused,
+        }
+
+    def _describe(self) -> tuple[int, str, dict[str, Any]]:
+        values = self.figures() | {'bundle': self.bundle.identity if self.bundle else 'none'}
+        if self.failure:
+            return ERROR, self.failure, values
+        if self.losses.total:
+            return WARN, f'{self.losses.total} messages lost', values
+        return OK, 'driving' if self.latency_ms else 'no frame yet', values
+
+    def close(self) -> None:
+        if self.p['stats_file']:
+            import json
+
+            Path(self.p['stats_file']).write_text(json.dumps(self.figures()))
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(PlannerNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

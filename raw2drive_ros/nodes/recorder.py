@@ -1,0 +1,78 @@
+"""Recorder: every topic of the table into one MCAP bag, as raw CDR, stamped with the messages' own stamps."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+
+from raw2drive_ros import topics
+from raw2drive_ros.nodes.parameters import declare
+from raw2drive_ros.nodes.quality import LossCounter, make_subscription
+from raw2drive_ros.nodes.runtime import NodeError, run_node
+from raw2drive_ros.recording.bag_writer import BagExistsError, BagWriter, DiskFullError
+
+DEPTH = 200
+
+
+class RecorderNode(Node):
+    """Ctrl-C and SIGTERM close the bag. Loss is reported per topic beside the bag."""
+
+    def __init__(self) -> None:
+        super().__init__('recorder')
+        p = declare(
+            self,
+            {
+                'bag': ('', 'folder of the bag to write; must not exist'),
+                'provenance': ('{}', 'JSON mapping of strings that is kept in the bag'),
+                'stats_file': ('', 'write received and lost counts per topic as JSON here at the end'),
+            },
+        )
+        if not p['bag']:
+            raise NodeError('parameter `bag` is empty; give the folder of the bag to write')
+        self.p = p
+        self.losses = LossCounter()
+        self.failed = ''
+        try:
+            self.bag = BagWriter(Path(p['bag']), json.loads(p['provenance']))
+        except (BagExistsError, DiskFullError) as error:
+            raise NodeError(str(error)) from error
+        for spec in topics.TOPICS:
+            make_subscription(self, spec.name, self._writer(spec.name), self.losses, raw=True, depth=DEPTH)
+
+    def _writer(self, topic: str) -> Any:
+        def callback(data: bytes) -> None:
+            if self.failed:
+                return
+            # After the 4-byte CDR header, every type of the table starts with its stamp.
+            sec, nanosec = struct.unpack_from('<iI', data, 4)
+            try:
+                self.bag.write_raw(topic, sec * 1_000_000_000 + nanosec, data)
+            except DiskFullError as error:
+                self.failed = str(error)
+                self.get_logger().error(f'recording stopped: {error}')
+
+        return callback
+
+    def close(self) -> None:
+        path = self.bag.close()
+        report = {
+            'bag': str(path),
+            'received': self.bag.counts,
+            'lost': self.losses.lost,
+            'messages_lost': self.losses.total,
+            'failed': self.failed,
+        }
+        if self.p['stats_file']:
+            Path(self.p['stats_file']).write_text(json.dumps(report))
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(RecorderNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

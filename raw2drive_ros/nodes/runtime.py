@@ -1,0 +1,61 @@
+"""How every node process starts, spins and ends."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from raw2drive_ros.nodes.transport import configure_transport, warn
+
+
+class NodeError(RuntimeError):
+    """A node cannot do its work; one line says why and what to do."""
+
+
+def spin(node: Node, executor: SingleThreadedExecutor, until: Callable[[], bool] = lambda: False) -> None:
+    """Spin until the context ends or `until()`; a callback that raises is logged and does not end the spin."""
+    while rclpy.ok() and not until():
+        try:
+            executor.spin_once(timeout_sec=0.2)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            raise
+        except Exception as error:
+            node.get_logger().error(f'callback failed: {type(error).__name__}: {error}')
+
+
+def run_node(make: Callable[[], Any], args: list[str] | None = None) -> int:
+    """Run a node to its end and return the exit code. The node may have `run(executor)` and `close()`."""
+    warn(configure_transport())
+    # Shells start background jobs with SIGINT ignored; a recorder that ignores Ctrl-C never closes its bag.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    code = 0
+    node: Any = None
+    rclpy.init(args=args)
+    try:
+        node = make()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        if hasattr(node, 'run'):
+            node.run(executor)
+        else:
+            spin(node, executor)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (NodeError, OSError, RuntimeError, ValueError) as error:
+        if rclpy.ok():
+            print(f'error: {error}', file=sys.stderr)
+            code = 1
+    finally:
+        if node is not None:
+            if hasattr(node, 'close'):
+                node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return code

@@ -1,0 +1,104 @@
+"""Safety gate node: the last one before the vehicle. Own process, no torch; logic in `driving.gate`."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from msg_adapters.commands import decision_from_message, decision_to_message
+from msg_adapters.diagnostics import ERROR, OK, WARN
+from msg_adapters.factory import RclpyFactory
+from raw2drive_ros import topics
+from raw2drive_ros.contract import ContractError, Control, Decision
+from raw2drive_ros.driving.gate import Gate, GateLimits, GateState
+from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
+from raw2drive_ros.nodes.parameters import declare
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
+from raw2drive_ros.nodes.runtime import run_node
+from raw2drive_ros.timing import load_timing
+
+
+class SafetyGateNode(Node):
+    """`clock: steady` counts silence by the wall (a car); `clock: ros` by /clock (lock-step simulation)."""
+
+    def __init__(self) -> None:
+        super().__init__('safety_gate')
+        p = declare(self, {'clock': ('steady', 'what silence is measured by: steady or ros')})
+        if p['clock'] not in ('steady', 'ros'):
+            raise ValueError(f'parameter clock is {p["clock"]!r}; use steady or ros')
+        self.steady = p['clock'] == 'steady'
+        timing = load_timing()
+        self.gate = Gate(GateLimits(timing.comfortable_after_s, timing.emergency_after_s))
+        self.factory = RclpyFactory()
+        self.losses = LossCounter()
+        self.output = make_publisher(self, topics.COMMAND)
+        self.logged = ''
+        self.last_stamp_ns = 0
+        make_subscription(self, topics.PROPOSED, self._on_proposal, self.losses)
+        self.create_service(Trigger, '~/activate', self._on_activate)
+        self.diagnostics = DiagnosticsPublisher(self, self._describe)
+        steady = _steady_clock()
+        self.create_timer(1.0, self.diagnostics.publish, clock=steady)
+        # On the steady clock: a paused simulation must not silence the gate.
+        self.create_timer(1.0 / timing.gate_rate_hz, self._on_timer, clock=steady)
+
+    def _now_s(self) -> float:
+        if self.steady:
+            return time.monotonic()
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def _on_proposal(self, message: Any) -> None:
+        try:
+            decision = decision_from_message(message)
+        except ContractError as error:
+            # An unreadable proposal counts as an invalid one.
+            self.get_logger().error(str(error), throttle_duration_sec=1.0)
+            decision = Decision(self.last_stamp_ns, Control(float('nan')))
+        self.last_stamp_ns = decision.stamp_ns
+        now_s = time.monotonic() if self.steady else decision.stamp_ns * 1e-9
+        self._publish(self.gate.propose(decision, now_s), decision)
+
+    def _on_timer(self) -> None:
+        # While driving, proposals themselves set the pace; the timer only looks for silence.
+        control = self.gate.tick(self._now_s())
+        if self.gate.state is not GateState.DRIVING:
+            stamp_ns = self.get_clock().now().nanoseconds
+            self._publish(control, Decision(stamp_ns, control))
+        elif self.steady:
+            self._publish(control, Decision(self.last_stamp_ns, control))
+
+    def _publish(self, control: Control, decision: Decision) -> None:
+        answer = Decision(decision.stamp_ns, control, decision.action, decision.inference_ms)
+        self.output.publish(decision_to_message(self.factory, answer))
+        if self.gate.reason != self.logged:
+            self.logged = self.gate.reason
+            if self.gate.reason:
+                self.get_logger().warning(f'{self.gate.state.value}: {self.gate.reason}')
+
+    def _on_activate(self, request: Any, response: Any) -> Any:
+        self.gate.activate()
+        response.success, response.message = True, self.gate.state.value
+        return response
+
+    def _describe(self) -> tuple[int, str, dict[str, Any]]:
+        level = {GateState.DRIVING: OK, GateState.WAITING: WARN}.get(self.gate.state, ERROR)
+        values = {'state': self.gate.state.value, 'messages_lost': self.losses.total, **self.gate.counts}
+        return level, self.gate.reason or self.gate.state.value, values
+
+
+def _steady_clock() -> Any:
+    from rclpy.clock import Clock
+    from rclpy.clock_type import ClockType
+
+    return Clock(clock_type=ClockType.STEADY_TIME)
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(SafetyGateNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,65 @@
+"""The DDS transport: shipped profile, local discovery, and which of both is really in force.
+
+Must run before `rclpy.init()`; importing rclpy is harmless, initialising it is not.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from raw2drive_ros.world_model.config import preset_folder
+
+PROFILE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+OTHER_PROFILE_VARIABLE = 'FASTDDS_DEFAULT_PROFILES_FILE'
+
+
+def shipped_profile() -> Path:
+    return preset_folder() / 'fastdds.xml'
+
+
+def profile_in_force() -> str | None:
+    """Path of the profile that Fast DDS will read, or None."""
+    return os.environ.get(PROFILE_VARIABLE) or os.environ.get(OTHER_PROFILE_VARIABLE)
+
+
+def configure_transport() -> list[str]:
+    """Set the shipped profile and local discovery where the user has set nothing; returns warnings."""
+    warnings = []
+    current = profile_in_force()
+    if current is None:
+        os.environ[PROFILE_VARIABLE] = str(shipped_profile())
+    elif Path(current).resolve() != shipped_profile().resolve():
+        warnings.append(
+            f'Fast DDS profile {current} is in force instead of {shipped_profile()}; '
+            'with small shared-memory segments images get lost'
+        )
+    rmw = os.environ.get('RMW_IMPLEMENTATION')
+    if rmw and rmw != 'rmw_fastrtps_cpp':
+        warnings.append(f'RMW_IMPLEMENTATION={rmw}: the image profile applies to rmw_fastrtps_cpp only')
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    return warnings
+
+
+def child_environment(domain: int, log_folder: Path | None = None) -> dict[str, str]:
+    """Environment for the graph's processes: profile, domain, one thread per numeric library."""
+    configure_transport()
+    environment = dict(os.environ)
+    environment['ROS_DOMAIN_ID'] = str(domain)
+    environment['RMW_IMPLEMENTATION'] = 'rmw_fastrtps_cpp'
+    environment.setdefault('OMP_NUM_THREADS', '1')
+    # glibc otherwise maps and unmaps every large buffer.
+    environment.setdefault('MALLOC_MMAP_THRESHOLD_', '268435456')
+    environment.setdefault('MALLOC_TRIM_THRESHOLD_', '1073741824')
+    root = str(Path(__file__).resolve().parents[2])
+    parts = [p for p in (root, environment.get('PYTHONPATH', '')) if p]
+    environment['PYTHONPATH'] = os.pathsep.join(parts)
+    if log_folder is not None:
+        environment['ROS_LOG_DIR'] = str(log_folder)
+    return environment
+
+
+def warn(messages: list[str]) -> None:
+    for message in messages:
+        print(f'warning: {message}', file=sys.stderr)

@@ -1,0 +1,34 @@
+"""`params/timing.yaml`, validated: the single source of rates, ages and deadlines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field, ValidationError
+
+from raw2drive_ros.world_model.config import ConfigError, Strict, load_yaml, preset_folder
+
+
+class Timing(Strict):
+    """Seconds and hertz."""
+
+    decision_rate_hz: float = Field(gt=0)
+    physics_rate_hz: float = Field(gt=0)
+    gate_rate_hz: float = Field(ge=20)
+    input_age_s: float = Field(gt=0)
+    comfortable_after_s: float = Field(gt=0)
+    emergency_after_s: float = Field(gt=0)
+    command_hold_s: float = Field(gt=0)
+    command_brake: float = Field(gt=0, le=1)
+    lock_step_timeout_s: float = Field(gt=0)
+    discovery_timeout_s: float = Field(gt=0)
+
+
+def load_timing(path: Path | None = None) -> Timing:
+    """Raises ConfigError that names the field."""
+    file = path or preset_folder() / 'timing.yaml'
+    try:
+        return Timing(**load_yaml(file))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ConfigError(f'{file}: {".".join(map(str, first["loc"]))}: {first["msg"]}') from error
