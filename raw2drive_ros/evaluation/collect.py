@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import topics
-from raw2drive_ros.actions import nearest_action
-from raw2drive_ros.contract import Control, Decision
-from raw2drive_ros.evaluation.rule_driver import RuleDriver
+from raw2drive_ros.evaluation.drivers import EpisodeDriver
+from raw2drive_ros.evaluation.episode import as_received
 from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.tick_messages import TickMessages
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 
 # Collection seeds start here, so that no collected route is an evaluation route (seeds 0 ... 9,999).
 TRAIN_SEED_START = 100_000
-MAX_TICKS = 1200
-
-EpisodeDriver = Callable[[DrivingEnv, Tick], Control]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,22 +31,10 @@ class CollectConfig:
     bag_ticks: int = 2000
 
 
-def rule_episode(seed: int, noise: float) -> EpisodeDriver:
-    """A fresh rule driver, half of the time with noise."""
-    rng = np.random.default_rng(seed)
-    driver = RuleDriver(rng, noise if rng.random() < 0.75 else 0.0)
-
-    def drive(env: DrivingEnv, tick: Tick) -> Control:
-        assert env.world is not None
-        return driver.control(env.world)
-
-    return drive
-
-
 def collect(
     folder: Path,
     config: CollectConfig,
-    make_driver: Callable[[int], EpisodeDriver],
+    driver: EpisodeDriver,
     provenance: dict[str, str],
 ) -> Iterator[tuple[int, Path]]:
     """Write bags into `folder`; yields (ticks so far, bag) after each tick batch of an episode."""
@@ -71,7 +53,7 @@ def collect(
             in_bag = 0
             while in_bag < config.bag_ticks and done_ticks + in_bag < config.ticks:
                 name = config.scenarios[(seed - first) % len(config.scenarios)]
-                in_bag += _episode(env, messages, bag, name, seed, make_driver(seed), config)
+                in_bag += _episode(env, messages, bag, name, seed, driver, config)
                 seed += 1
                 yield done_ticks + in_bag, path
         done_ticks += in_bag
@@ -87,7 +69,9 @@ def _episode(
     config: CollectConfig,
 ) -> int:
     """Drive one episode into the bag; returns its number of ticks."""
+    factory = bag.factory
     episode = f'{scenario}/{seed}'
+    driver.reset(seed)
     tick, _ = env.reset(seed=seed, options={'scenario': scenario})
     bag.write(*messages.route(tick))
     ticks = 0
@@ -96,10 +80,9 @@ def _episode(
         ticks += 1
         if env.done or ticks >= config.episode_ticks:
             return ticks
-        control = driver(env, tick)
-        decision = Decision(tick.stamp_ns, control, nearest_action(control))
+        decision = driver.control(env, as_received(factory, tick), tick)
         bag.write(topics.COMMAND, tick.stamp_ns, decision_to_message(messages.factory, decision))
-        tick, *_ = env.step(control)
+        tick, *_ = env.step(decision.control)
 
 
 def _write_tick(bag: BagWriter, messages: TickMessages, tick: Tick, episode: str) -> None:

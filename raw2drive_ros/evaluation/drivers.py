@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Protocol
 
@@ -118,6 +119,21 @@ class PrivilegedEpisodes:
             action = int(sample_one_hot(log_probs, uniform).argmax(-1))
         self.action = torch.nn.functional.one_hot(torch.tensor([action]), ACTION_COUNT).float()
         return Decision(frame.stamp_ns, ACTIONS[action], action)
+
+
+class Blindfold:
+    """Another driver with every camera blacked out: shows how much of its driving comes from the cameras."""
+
+    def __init__(self, inner: EpisodeDriver) -> None:
+        self.inner = inner
+        self.needs_cameras, self.needs_bev = inner.needs_cameras, inner.needs_bev
+
+    def reset(self, seed: int) -> None:
+        self.inner.reset(seed)
+
+    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
+        dark = {name: np.zeros_like(image) for name, image in frame.images.items()}
+        return self.inner.control(env, dataclasses.replace(frame, images=dark), tick)
 
 
 def make_driver(

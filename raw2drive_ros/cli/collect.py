@@ -1,0 +1,48 @@
+"""raw2drive collect: training bags without a graph."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+EXAMPLES = """examples:
+  raw2drive collect --driver rule --noise 0.06 --ticks 30000 --out runs/bags/rule
+  raw2drive collect --driver privileged --run runs/stage1 --noise 0.05 --ticks 8000 --seed 1 --out runs/bags/policy1
+
+The bags hold the same topics as those of `raw2drive record`."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--driver', default='rule', help='rule, privileged, raw, straight or random')
+    parser.add_argument('--run', dest='training_run', type=Path, help='training run of driver privileged')
+    parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw')
+    parser.add_argument('--routes', default='lane-following', help='scenario types, comma separated, or all')
+    parser.add_argument('--ticks', type=int, default=20_000, help='decision ticks to write (10 per second)')
+    parser.add_argument('--noise', type=float, default=0.0, help='chance per tick of a burst of random actions')
+    parser.add_argument('--seed', type=int, default=0, help='another number draws other training routes')
+    parser.add_argument('--no-cameras', action='store_true', help='leave the images out (stage 1 does not need them)')
+    parser.add_argument('--out', type=Path, required=True, help='folder that the bags go to')
+
+
+def run(options: argparse.Namespace) -> int:
+    import cv2
+    import torch
+
+    from raw2drive_ros.cli.progress import bar
+    from raw2drive_ros.evaluation.collect import CollectConfig, collect
+    from raw2drive_ros.evaluation.drivers import make_driver
+    from raw2drive_ros.evaluation.routes import routes_of
+
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)
+    scenarios = tuple(name for name, _ in routes_of(options.routes, 1))
+    driver = make_driver(options.driver, options.bundle, options.training_run, options.noise)
+    config = CollectConfig(scenarios, options.ticks, options.seed, not options.no_cameras)
+    facts = {'driver': options.driver, 'noise': str(options.noise)}
+    bags = set()
+    with bar('collecting', options.ticks, 'ticks') as advance:
+        for ticks, bag in collect(options.out, config, driver, facts):
+            bags.add(bag)
+            advance(ticks)
+    print(f'{len(bags)} bags in {options.out}; next: raw2drive train privileged --bags {options.out} --run runs/stage1')
+    return 0

@@ -1,0 +1,140 @@
+"""raw2drive demo: the whole graph as separate processes, three routes, a bag, a video and a report."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+EXAMPLES = """examples:
+  raw2drive demo
+  raw2drive demo --routes LaneFollowing/3,LaneFollowing/7 --out runs/my_demo
+  raw2drive demo --real-time --domain 12"""
+
+DEFAULT_ROUTES = 'LaneFollowing/1,LaneFollowing/2,LaneFollowing/3'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--routes', default=DEFAULT_ROUTES, help='comma list of scenario/seed')
+    parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
+    parser.add_argument('--out', type=Path, default=Path('runs/demo'), help='folder for everything that is made')
+    parser.add_argument('--domain', type=int, help='ROS domain (default: the first free one from 50 on)')
+    parser.add_argument('--real-time', action='store_true', help='follow the wall clock instead of lock-step')
+    parser.add_argument('--no-video', action='store_true', help='skip MP4 and pictures')
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+
+
+def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.cli.graph import reserve_domain
+    from raw2drive_ros.cli.table import print_results
+    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.recording.bag_writer import require_space
+    from raw2drive_ros.simulation.scenario import get_scenario
+
+    bundle = options.bundle or default_bundle()
+    if not (bundle / 'bundle.json').is_file():
+        from raw2drive_ros.driving.bundle import load_bundle
+
+        load_bundle(bundle)
+    for part in options.routes.split(','):
+        get_scenario(part.partition('/')[0].strip())
+    require_space(options.out)
+    _clear(options.out)
+    with reserve_domain(options.domain) as domain:
+        result = drive_graph(options, bundle.resolve(), domain)
+    made = {'result': options.out / 'result.json', 'bag': options.out / 'bag'}
+    if not options.no_video:
+        made |= _pictures(options.out, bundle, result)
+    (options.out / 'result.json').write_text(json.dumps(result, indent=2) + '\n')
+    if options.json:
+        print(json.dumps(result))
+    else:
+        print_results(result)
+        for name, path in made.items():
+            print(f'{name}: {path}')
+    return 0
+
+
+def _clear(out: Path) -> None:
+    """Remove what an earlier demo made, and nothing else."""
+    for name in ('bag', 'bag.partial', 'logs'):
+        shutil.rmtree(out / name, ignore_errors=True)
+    for name in ('result.json', 'drive.mp4', 'report.html', 'progress.jsonl', 'bridge.json', 'planner.json', 'recorder.json'):
+        (out / name).unlink(missing_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
+
+
+def drive_graph(options: argparse.Namespace, bundle: Path, domain: int) -> dict[str, Any]:
+    """Start bridge, gate, planner and recorder, wait for the bridge to finish, end them; the result."""
+    from raw2drive_ros.cli.graph import running_graph
+    from raw2drive_ros.evaluation.metrics import RouteResult, summarise
+    from raw2drive_ros.evaluation.routes import SUITE_VERSION
+
+    out: Path = options.out
+    count = len(options.routes.split(','))
+    with running_graph(out / 'logs', domain) as graph:
+        graph.start('recorder', {
+            'bag': str(out / 'bag'),
+            'provenance': json.dumps({'driver': 'raw', 'bundle': str(bundle.name), 'routes': options.routes}),
+            'stats_file': str(out / 'recorder.json'),
+        })
+        graph.start('safety_gate', {'clock': 'steady' if options.real_time else 'ros'})
+        graph.start('planner', {'bundle': str(bundle), 'stats_file': str(out / 'planner.json')})
+        graph.start('bridge', {
+            'episodes': options.routes,
+            'lock_step': not options.real_time,
+            'wait_for_image_subscribers': 2,
+            'result_file': str(out / 'bridge.json'),
+            'progress_file': str(out / 'progress.jsonl'),
+        }, sim_time=False)
+        _wait(graph, out, count)
+        # The planner and the recorder first write their figures, then the rest may go.
+        graph.end(order=('planner', 'recorder'))
+    bridge = json.loads((out / 'bridge.json').read_text())
+    planner = json.loads((out / 'planner.json').read_text())
+    recorder = json.loads((out / 'recorder.json').read_text())
+    timing = bridge['timing']
+    timing['planner_ms'] = planner['planner_ms']
+    timing['messages_lost'] += planner['messages_lost'] + recorder['messages_lost']
+    routes = [RouteResult(**row) for row in bridge['routes']]
+    return summarise('raw', options.routes, SUITE_VERSION, routes, timing)
+
+
+def _wait(graph: Any, out: Path, count: int) -> None:
+    """Show progress until the bridge has finished. Raises GraphError when any process dies."""
+    from raw2drive_ros.cli.progress import bar
+
+    progress = out / 'progress.jsonl'
+    with bar('driving', 100.0 * count, '%') as advance:
+        while not graph.ended('bridge'):
+            graph.check(may_end=('bridge',))
+            if progress.exists():
+                lines = progress.read_text().splitlines()
+                if lines:
+                    _show(advance, lines[-1])
+            time.sleep(0.3)
+        graph.check(may_end=('bridge',))
+        advance(100.0 * count)
+
+
+def _show(advance: Any, line: str) -> None:
+    try:
+        state = json.loads(line)
+    except ValueError:
+        return
+    done = 100.0 * state['index'] + (100.0 if state['done'] else state['completion'])
+    advance(done, f'{state["episode"]} {state["ticks_per_s"]} ticks/s')
+
+
+def _pictures(out: Path, bundle: Path, result: dict[str, Any]) -> dict[str, Path]:
+    from raw2drive_ros.cli.progress import bar
+    from raw2drive_ros.report.html import write_report
+    from raw2drive_ros.report.video import write_video
+
+    with bar('rendering video', 1.0, '') as advance:
+        video = write_video(out / 'bag', bundle, out / 'drive.mp4', advance)
+    report = write_report(out / 'report.html', result, video)
+    return {'video': video.path, 'report': report}

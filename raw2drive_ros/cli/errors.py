@@ -1,0 +1,63 @@
+"""Errors that users can cause become one line on stderr; anything else is a bug and keeps its traceback."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable
+from types import FrameType
+
+# Names, not classes: importing the classes would import torch for every verb.
+USER_ERRORS = {
+    'BagError': 1,
+    'BagExistsError': 1,
+    'BundleError': 1,
+    'CheckpointError': 1,
+    'ConfigError': 2,
+    'ContractError': 1,
+    'DiskFullError': 1,
+    'DomainBusyError': 1,
+    'GraphError': 1,
+    'LayoutError': 1,
+    'NodeError': 1,
+    'NonFiniteError': 1,
+    'UnknownDriverError': 2,
+    'UnknownScenarioError': 2,
+    'UsageError': 2,
+}
+
+
+class UsageError(ValueError):
+    """The command line asks for something that does not go together."""
+
+
+class Terminated(BaseException):
+    """SIGTERM: unwinds like Ctrl-C, so that everything is closed."""
+
+
+def _on_sigterm(number: int, frame: FrameType | None) -> None:
+    raise Terminated
+
+
+def guarded(run: Callable[[argparse.Namespace], int], options: argparse.Namespace) -> int:
+    """Run a verb; returns its exit code."""
+    signal.signal(signal.SIGTERM, _on_sigterm)
+    try:
+        return run(options)
+    except KeyboardInterrupt:
+        print('interrupted', file=sys.stderr)
+        return 130
+    except Terminated:
+        print('terminated', file=sys.stderr)
+        return 143
+    except BrokenPipeError:
+        return 0
+    except Exception as error:
+        code = USER_ERRORS.get(type(error).__name__)
+        if code is None and isinstance(error, OSError):
+            code = 1
+        if code is None:
+            raise
+        print(f'error: {error}', file=sys.stderr)
+        return code

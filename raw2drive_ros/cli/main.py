@@ -1,0 +1,63 @@
+"""Entry point: parses the verb, imports its module, maps errors to one line and an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from raw2drive_ros import __version__
+
+# verb: (module, one line of help)
+VERBS = {
+    'demo': ('demo', 'drive three routes through the whole ROS graph and make a report'),
+    'sim': ('sim', 'run the simulation bridge, or list its scenarios'),
+    'drive': ('drive', 'run planner and safety gate on a graph that has a vehicle'),
+    'record': ('record', 'record a running graph into an MCAP bag'),
+    'replay': ('replay', "play a bag's sensors into the graph"),
+    'collect': ('collect', 'drive in process and write training bags'),
+    'train': ('train', 'train the privileged (stage 1) or raw (stage 2) stream from bags'),
+    'evaluate': ('evaluate', 'drive routes in process and score them'),
+    'bag': ('bag', 'inspect bags'),
+    'doctor': ('doctor', 'check the installation, the transport and the latency budget'),
+}
+EXAMPLES = """examples:
+  raw2drive demo                                   the whole graph on three routes, with report
+  raw2drive evaluate --driver raw --routes lane-following --seeds 20
+  raw2drive collect --driver rule --ticks 20000 --out runs/bags/rule
+  raw2drive train privileged --bags runs/bags --run runs/stage1
+  raw2drive bag info runs/demo/bag
+
+`raw2drive VERB --help` explains a verb."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Exit codes: 0 done, 1 failed, 2 wrong usage, 130 Ctrl-C, 143 SIGTERM."""
+    parser = argparse.ArgumentParser(
+        'raw2drive',
+        description='Raw2Drive for ROS 2: an end-to-end driver learnt by model-based reinforcement learning.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--version', action='version', version=f'raw2drive {__version__}')
+    verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    chosen = next((a for a in given if not a.startswith('-')), None)
+    for verb, (module, help_line) in VERBS.items():
+        sub = verbs.add_parser(
+            verb, help=help_line, description=help_line, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        if verb == chosen:
+            loaded = importlib.import_module(f'raw2drive_ros.cli.{module}')
+            sub.epilog = loaded.EXAMPLES
+            loaded.add_arguments(sub)
+            sub.set_defaults(run=loaded.run)
+    options = parser.parse_args(given)
+    from raw2drive_ros.cli.errors import guarded
+
+    return guarded(options.run, options)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,36 @@
+"""Results as a table for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def print_results(result: dict[str, Any]) -> None:
+    """Route rows, then means with 95 % intervals, then timing."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table(title=f'{result["driver"]} on {result["suite"]}')
+    for column in ('route', 'completion %', 'infractions', 'driving score', 'success'):
+        table.add_column(column, justify='left' if column in ('route', 'infractions') else 'right')
+    for row in result['routes']:
+        events = ', '.join(f'{name} x{count}' for name, count in row['infractions'].items()) or '-'
+        table.add_row(
+            row['id'],
+            f'{row["route_completion"]:.1f}',
+            events,
+            f'{row["driving_score"]:.1f}',
+            'yes' if row['success'] else 'no',
+        )
+    console.print(table)
+    for name, value in result['summary'].items():
+        console.print(f'{name.replace("_", " ")}: {value["mean"]:.1f} (95 %: {value["low"]:.1f} to {value["high"]:.1f})')
+    done = sum(row['route_completion'] >= 90 for row in result['routes'])
+    console.print(f'{done} of {len(result["routes"])} routes with completion >= 90 %')
+    timing = result['timing']
+    line = f'{timing["ticks_per_s"]} ticks/s, tick p50 {timing["tick_ms"]["p50"]} ms, p99 {timing["tick_ms"]["p99"]} ms'
+    if 'planner_ms' in timing:
+        planner = timing['planner_ms']
+        line += f'; planner p50 {planner["p50"]:.1f} ms, p99 {planner["p99"]:.1f} ms'
+    console.print(line + f'; messages lost: {timing["messages_lost"]}')

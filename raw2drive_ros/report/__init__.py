@@ -1,0 +1,1 @@
+"""Pictures, videos and HTML reports from bags and results."""
