@@ -29,9 +29,7 @@ def decision_to_message(factory: MessageFactory, decision: Decision) -> Any:
 def decision_from_message(message: Any) -> Decision:
     """Raises ContractError for missing actuators; does NOT check ranges: that is the gate's task."""
     values = named_values_from_message(message, *ACTUATORS)
-    control = Control(
-        values['throttle'], values['brake'], values['steer'], values['reverse'] > 0.5
-    )
+    control = Control(values['throttle'], values['brake'], values['steer'], values['reverse'] > 0.5)
     action = values.get('action', -1.0)
     return Decision(
         stamp_ns(message.header.stamp),

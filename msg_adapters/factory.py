@@ -70,9 +70,7 @@ class RosbagsFactory:
     def _default(self, definition: Any) -> Any:
         node, detail = definition
         if node == Nodetype.BASE:
-            return {'string': '', 'bool': False}.get(
-                detail[0], 0.0 if detail[0].startswith('float') else 0
-            )
+            return {'string': '', 'bool': False}.get(detail[0], 0.0 if detail[0].startswith('float') else 0)
         if node == Nodetype.NAME:
             return self._zero(detail)
         (inner_node, inner_detail), count = detail

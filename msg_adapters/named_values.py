@@ -12,9 +12,7 @@ from msg_adapters.stamps import set_stamp
 from raw2drive_ros.contract import ContractError
 
 
-def named_values_to_message(
-    factory: MessageFactory, values: dict[str, float], time_ns: int, frame_id: str = ''
-) -> Any:
+def named_values_to_message(factory: MessageFactory, values: dict[str, float], time_ns: int, frame_id: str = '') -> Any:
     """JointState with one name and position per value; velocity and effort stay empty."""
     message = factory.new('sensor_msgs/msg/JointState')
     set_stamp(message.header.stamp, time_ns)
@@ -27,9 +25,7 @@ def named_values_to_message(
 def named_values_from_message(message: Any, *required: str) -> dict[str, float]:
     """All values by name. Raises ContractError where a required name is missing or lengths differ."""
     if len(message.name) != len(message.position):
-        raise ContractError(
-            f'named values: {len(message.name)} names but {len(message.position)} positions'
-        )
+        raise ContractError(f'named values: {len(message.name)} names but {len(message.position)} positions')
     values = {str(n): float(p) for n, p in zip(message.name, message.position, strict=True)}
     missing = [name for name in required if name not in values]
     if missing:

@@ -75,14 +75,8 @@ def transition_to_message(factory: MessageFactory, transition: Transition, episo
 
 def transition_from_message(message: Any) -> tuple[Transition, str]:
     """(transition, 'scenario/seed'). Raises ContractError where a field is missing."""
-    values = named_values_from_message(
-        message, 'action', 'reward', 'is_first', 'is_terminal', 'is_last'
-    )
-    terms = {
-        name.removeprefix(_TERM_PREFIX): value
-        for name, value in values.items()
-        if name.startswith(_TERM_PREFIX)
-    }
+    values = named_values_from_message(message, 'action', 'reward', 'is_first', 'is_terminal', 'is_last')
+    terms = {name.removeprefix(_TERM_PREFIX): value for name, value in values.items() if name.startswith(_TERM_PREFIX)}
     return (
         Transition(
             stamp_ns(message.header.stamp),

@@ -44,9 +44,7 @@ def new_image(factory: MessageFactory, camera: str, height: int, width: int) -> 
 def fill_image(message: Any, image: Image8, time_ns: int) -> None:
     """Write (H, W, 3) RGB pixels and a stamp into a message made by `new_image`, in place."""
     if image.shape != (message.height, message.width, 3) or image.dtype != np.uint8:
-        raise ContractError(
-            f'fill_image: {image.dtype} {image.shape} into {message.height}x{message.width} rgb8'
-        )
+        raise ContractError(f'fill_image: {image.dtype} {image.shape} into {message.height}x{message.width} rgb8')
     set_stamp(message.header.stamp, time_ns)
     fill_bytes(message.data, image)
 
@@ -102,9 +100,7 @@ def calibration_from_messages(name: str, info: Any, extrinsics: Any) -> CameraCa
     ).validate()
 
 
-def transform_to_message(
-    factory: MessageFactory, matrix: Float64, parent: str, child: str, time_ns: int
-) -> Any:
+def transform_to_message(factory: MessageFactory, matrix: Float64, parent: str, child: str, time_ns: int) -> Any:
     """(4, 4) pose of `child` in `parent` as TransformStamped."""
     message = factory.new('geometry_msgs/msg/TransformStamped')
     set_stamp(message.header.stamp, time_ns)
@@ -170,9 +166,7 @@ def odometry_from_message(message: Any) -> OdometrySample:
     norm = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
     if not abs(norm - 1.0) < 1e-2:
         raise ContractError(f'odometry orientation is not a unit quaternion (squared norm {norm})')
-    yaw = math.atan2(
-        2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z)
-    )
+    yaw = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z))
     return OdometrySample(
         stamp_ns(message.header.stamp),
         float(pose.position.x),
@@ -204,9 +198,7 @@ def route_to_message(factory: MessageFactory, route: Route) -> Any:
 
 def route_from_message(message: Any) -> Route:
     """Raises ContractError for fewer than two points or NaN."""
-    points = np.array(
-        [(p.pose.position.x, p.pose.position.y) for p in message.poses], np.float64
-    ).reshape(-1, 2)
+    points = np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses], np.float64).reshape(-1, 2)
     return Route(stamp_ns(message.header.stamp), points).validate()
 
 
@@ -214,8 +206,12 @@ def quaternion_from_matrix(rotation: Float64) -> tuple[float, float, float, floa
     """(x, y, z, w) with w >= 0, by the largest diagonal term (stable for every rotation)."""
     m = rotation
     squares = np.array(
-        [1 + m[0, 0] - m[1, 1] - m[2, 2], 1 - m[0, 0] + m[1, 1] - m[2, 2],
-         1 - m[0, 0] - m[1, 1] + m[2, 2], 1 + m[0, 0] + m[1, 1] + m[2, 2]]
+        [
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+        ]
     )
     largest = int(np.argmax(squares))
     scale = math.sqrt(squares[largest]) * 2
@@ -229,9 +225,7 @@ def quaternion_from_matrix(rotation: Float64) -> tuple[float, float, float, floa
         3: (x / scale, y / scale, z / scale, own),
     }[largest]
     sign = -1.0 if parts[3] < 0 else 1.0
-    return (
-        float(sign * parts[0]), float(sign * parts[1]), float(sign * parts[2]), float(sign * parts[3])
-    )
+    return (float(sign * parts[0]), float(sign * parts[1]), float(sign * parts[2]), float(sign * parts[3]))
 
 
 def matrix_from_quaternion(x: float, y: float, z: float, w: float) -> Float64:

@@ -16,9 +16,7 @@ from raw2drive_ros.contract import Control
 
 # (throttle, brake, steer in the PAPER's sign, reverse)
 _FORWARD_FAST = tuple((0.7, 0.0, s, False) for s in (-0.5, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.5))
-_FORWARD_SLOW = tuple(
-    (0.3, 0.0, s, False) for s in (-0.7, -0.5, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.5, 0.7)
-)
+_FORWARD_SLOW = tuple((0.3, 0.0, s, False) for s in (-0.7, -0.5, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.5, 0.7))
 _COAST_LEFT = tuple((0.0, 0.0, s, False) for s in (-1.0, -0.6, -0.3, -0.1))
 _COAST_RIGHT = tuple((0.0, 0.0, s, False) for s in (0.1, 0.3, 0.6, 1.0))
 _REVERSE = tuple((0.5, 0.0, s, True) for s in (-0.5, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.5))
@@ -33,8 +31,7 @@ PAPER_TABLE = (
 )
 
 ACTIONS = tuple(
-    Control(throttle, brake, -steer if steer else 0.0, reverse)
-    for throttle, brake, steer, reverse in PAPER_TABLE
+    Control(throttle, brake, -steer if steer else 0.0, reverse) for throttle, brake, steer, reverse in PAPER_TABLE
 )
 ACTION_COUNT = len(ACTIONS)
 BRAKE_ACTION = 0

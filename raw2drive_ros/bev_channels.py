@@ -30,9 +30,7 @@ DYNAMIC_CHANNELS = (
 HISTORY_TICKS = (0, 5, 10, 15)
 
 CHANNELS = STATIC_CHANNELS + tuple(
-    f'{name}@-{age / 20:.2f}s' if age else f'{name}@now'
-    for name in DYNAMIC_CHANNELS
-    for age in HISTORY_TICKS
+    f'{name}@-{age / 20:.2f}s' if age else f'{name}@now' for name in DYNAMIC_CHANNELS for age in HISTORY_TICKS
 )
 CHANNEL_COUNT = len(CHANNELS)
 SIZE_PX = 128

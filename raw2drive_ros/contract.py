@@ -79,9 +79,7 @@ class OdometrySample:
     yaw_rate_radps: float
 
     def validate(self) -> OdometrySample:
-        _finite(
-            'OdometrySample', self.x_m, self.y_m, self.yaw_rad, self.speed_mps, self.yaw_rate_radps
-        )
+        _finite('OdometrySample', self.x_m, self.y_m, self.yaw_rad, self.speed_mps, self.yaw_rate_radps)
         return self
 
 
@@ -122,12 +120,8 @@ class CameraCalibration:
         _require(self.intrinsics.shape == (3, 3), f'{self.name}: intrinsics {self.intrinsics.shape}')
         _require(self.base_from_camera.shape == (4, 4), f'{self.name}: extrinsics shape')
         _require(bool(np.isfinite(self.intrinsics).all()), f'{self.name}: intrinsics not finite')
-        _require(
-            bool(np.isfinite(self.base_from_camera).all()), f'{self.name}: extrinsics not finite'
-        )
-        _require(
-            self.intrinsics[0, 0] > 0 and self.intrinsics[1, 1] > 0, f'{self.name}: focal length'
-        )
+        _require(bool(np.isfinite(self.base_from_camera).all()), f'{self.name}: extrinsics not finite')
+        _require(self.intrinsics[0, 0] > 0 and self.intrinsics[1, 1] > 0, f'{self.name}: focal length')
         return self
 
 

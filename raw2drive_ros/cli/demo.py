@@ -62,7 +62,15 @@ def _clear(out: Path) -> None:
     """Remove what an earlier demo made, and nothing else."""
     for name in ('bag', 'bag.partial', 'logs'):
         shutil.rmtree(out / name, ignore_errors=True)
-    for name in ('result.json', 'drive.mp4', 'report.html', 'progress.jsonl', 'bridge.json', 'planner.json', 'recorder.json'):
+    for name in (
+        'result.json',
+        'drive.mp4',
+        'report.html',
+        'progress.jsonl',
+        'bridge.json',
+        'planner.json',
+        'recorder.json',
+    ):
         (out / name).unlink(missing_ok=True)
     out.mkdir(parents=True, exist_ok=True)
 
@@ -76,20 +84,27 @@ def drive_graph(options: argparse.Namespace, bundle: Path, domain: int) -> dict[
     out: Path = options.out
     count = len(options.routes.split(','))
     with running_graph(out / 'logs', domain) as graph:
-        graph.start('recorder', {
-            'bag': str(out / 'bag'),
-            'provenance': json.dumps({'driver': 'raw', 'bundle': str(bundle.name), 'routes': options.routes}),
-            'stats_file': str(out / 'recorder.json'),
-        })
+        graph.start(
+            'recorder',
+            {
+                'bag': str(out / 'bag'),
+                'provenance': json.dumps({'driver': 'raw', 'bundle': str(bundle.name), 'routes': options.routes}),
+                'stats_file': str(out / 'recorder.json'),
+            },
+        )
         graph.start('safety_gate', {'clock': 'steady' if options.real_time else 'ros'})
         graph.start('planner', {'bundle': str(bundle), 'stats_file': str(out / 'planner.json')})
-        graph.start('bridge', {
-            'episodes': options.routes,
-            'lock_step': not options.real_time,
-            'wait_for_image_subscribers': 2,
-            'result_file': str(out / 'bridge.json'),
-            'progress_file': str(out / 'progress.jsonl'),
-        }, sim_time=False)
+        graph.start(
+            'bridge',
+            {
+                'episodes': options.routes,
+                'lock_step': not options.real_time,
+                'wait_for_image_subscribers': 2,
+                'result_file': str(out / 'bridge.json'),
+                'progress_file': str(out / 'progress.jsonl'),
+            },
+            sim_time=False,
+        )
         _wait(graph, out, count)
         # The planner and the recorder first write their figures, then the rest may go.
         graph.end(order=('planner', 'recorder'))

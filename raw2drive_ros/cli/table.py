@@ -25,7 +25,9 @@ def print_results(result: dict[str, Any]) -> None:
         )
     console.print(table)
     for name, value in result['summary'].items():
-        console.print(f'{name.replace("_", " ")}: {value["mean"]:.1f} (95 %: {value["low"]:.1f} to {value["high"]:.1f})')
+        console.print(
+            f'{name.replace("_", " ")}: {value["mean"]:.1f} (95 %: {value["low"]:.1f} to {value["high"]:.1f})'
+        )
     done = sum(row['route_completion'] >= 90 for row in result['routes'])
     console.print(f'{done} of {len(result["routes"])} routes with completion >= 90 %')
     timing = result['timing']

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
@@ -148,14 +147,14 @@ def load_bundle(path: Path) -> Bundle:
             raise BundleError(f'{path}: weights of {file.stat().st_size} bytes are implausible')
         if _hash(file.read_bytes()) != body['weights_sha256_16']:
             raise BundleError(f'{path}: weights do not match their hash; the file is damaged or replaced')
-        identity = _hash(json.dumps({k: v for k, v in body.items() if k != 'identity'} | {'facts': None}, sort_keys=True).encode())
+        identity = _hash(
+            json.dumps({k: v for k, v in body.items() if k != 'identity'} | {'facts': None}, sort_keys=True).encode()
+        )
         if identity != body['identity']:
             raise BundleError(f'{path}: bundle.json does not match its identity {body["identity"]}')
         config = ModelConfig(**body['config'])
         rig = _rig_from_json(body['rig'])
-        model = RawWorldModel(
-            config, rig, len(VECTOR_FIELDS), EGO_SIZE, ACTION_COUNT, tuple(body['heads'])
-        )
+        model = RawWorldModel(config, rig, len(VECTOR_FIELDS), EGO_SIZE, ACTION_COUNT, tuple(body['heads']))
         actor = Actor(config, ACTION_COUNT)
         tensors = {k: v.float() for k, v in load_file(file).items()}
         model.load_state_dict({k[6:]: v for k, v in tensors.items() if k.startswith('model/')})

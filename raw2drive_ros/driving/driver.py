@@ -70,8 +70,7 @@ class RawDriver:
                 raise ContractError(f'camera {camera} is missing from the frame')
             if image.shape != (height, width, 3):
                 raise ContractError(
-                    f'camera {camera}: image {image.shape[0]}x{image.shape[1]}, '
-                    f'the bundle needs {height}x{width}'
+                    f'camera {camera}: image {image.shape[0]}x{image.shape[1]}, the bundle needs {height}x{width}'
                 )
             images.append(image)
         return np.stack(images)[None]

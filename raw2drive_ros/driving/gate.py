@@ -10,7 +10,7 @@ import enum
 import math
 from dataclasses import dataclass, field
 
-from raw2drive_ros.contract import Control, ContractError, Decision
+from raw2drive_ros.contract import ContractError, Control, Decision
 
 
 class GateState(enum.Enum):

@@ -33,9 +33,7 @@ class _Blocker(importlib.abc.MetaPathFinder):
 
 def block_privileged_imports() -> None:
     """From now on, in this process. Raises PrivilegedImportError when it is too late already."""
-    loaded = sorted(
-        m for m in sys.modules if any(m == name or m.startswith(name + '.') for name in FORBIDDEN)
-    )
+    loaded = sorted(m for m in sys.modules if any(m == name or m.startswith(name + '.') for name in FORBIDDEN))
     if loaded:
         raise PrivilegedImportError(f'already imported: {", ".join(loaded)}')
     sys.meta_path.insert(0, _Blocker())

@@ -49,9 +49,7 @@ def _in_base(point_m: NDArray[np.float64], odometry: OdometrySample) -> tuple[fl
     return dx * cos + dy * sin, -dx * sin + dy * cos
 
 
-def raw_vector(
-    imu: ImuSample, odometry: OdometrySample, progress: RouteProgress
-) -> NDArray[np.float32]:
+def raw_vector(imu: ImuSample, odometry: OdometrySample, progress: RouteProgress) -> NDArray[np.float32]:
     """(10,) float32 in the order of `VECTOR_FIELDS`: motion, then the next checkpoints in `base_link` / 25 m.
 
     Checkpoints beyond the goal repeat the goal. Raises ValueError before the first `progress.update`.

@@ -40,9 +40,7 @@ def evaluate(
     on_route: Callable[[int, RouteResult], None] = lambda index, result: None,
 ) -> dict[str, Any]:
     """Drive all routes. lines: a JSON-lines file, whose first record says that nothing is finished yet."""
-    config = SimulationConfig(
-        image_size, cameras=driver.needs_cameras, bev=driver.needs_bev, end_on_infraction=False
-    )
+    config = SimulationConfig(image_size, cameras=driver.needs_cameras, bev=driver.needs_bev, end_on_infraction=False)
     env = DrivingEnv(config)
     if lines is not None:
         lines.parent.mkdir(parents=True, exist_ok=True)

@@ -23,7 +23,5 @@ def routes_of(name: str, seeds: int) -> list[tuple[str, int]]:
         elif match or by_ability:
             chosen += match or by_ability
         else:
-            raise UnknownScenarioError(
-                f'unknown routes {part!r}; use all, an ability, or one of: {", ".join(known)}'
-            )
+            raise UnknownScenarioError(f'unknown routes {part!r}; use all, an ability, or one of: {", ".join(known)}')
     return [(scenario, seed) for scenario in dict.fromkeys(chosen) for seed in range(seeds)]

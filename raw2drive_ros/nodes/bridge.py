@@ -64,9 +64,7 @@ class BridgeNode(Node):
         self.queue = _parse_episodes(p['episodes'])
         self.endless = not self.queue
         get_scenario(p['scenario'])
-        config = SimulationConfig(
-            (p['image_height'], p['image_width']), bev=p['bev'], end_on_infraction=False
-        )
+        config = SimulationConfig((p['image_height'], p['image_width']), bev=p['bev'], end_on_infraction=False)
         self.env = DrivingEnv(config)
         self.messages = TickMessages(RclpyFactory(), self.env.rig)
         self.losses = LossCounter()
@@ -101,9 +99,7 @@ class BridgeNode(Node):
         seed = int(self.p['seed'])
         index = 0
         while self.endless or index < len(self.queue):
-            scenario, episode_seed = (
-                (self.p['scenario'], seed + index) if self.endless else self.queue[index]
-            )
+            scenario, episode_seed = (self.p['scenario'], seed + index) if self.endless else self.queue[index]
             if self.reset_to is not None:
                 scenario, episode_seed = self.reset_to
                 self.reset_to = None
@@ -155,9 +151,7 @@ class BridgeNode(Node):
                 self.policy.accept(newest[1], newest[0])
                 return newest[1]
         control = self.policy.missing(tick.stamp_ns)
-        self.get_logger().warning(
-            f'no command for {tick.stamp_ns} ns; applying {control}', throttle_duration_sec=1.0
-        )
+        self.get_logger().warning(f'no command for {tick.stamp_ns} ns; applying {control}', throttle_duration_sec=1.0)
         return control
 
     # -- publishing -------------------------------------------------------------------------------
@@ -240,9 +234,7 @@ class BridgeNode(Node):
         front = self.outputs[topics.image_topic('front')]
         wanted = int(self.p['wait_for_image_subscribers'])
         deadline = time.perf_counter() + self.timing.discovery_timeout_s
-        while (
-            front.get_subscription_count() < wanted or self.count_publishers(topics.COMMAND) < 1
-        ):
+        while front.get_subscription_count() < wanted or self.count_publishers(topics.COMMAND) < 1:
             if time.perf_counter() > deadline:
                 if self.endless:
                     self.get_logger().warning('no planner yet; waiting on')
@@ -299,7 +291,6 @@ def _parse_episodes(text: str) -> list[tuple[str, int]]:
 
 def main(args: list[str] | None = None) -> int:
     return run_node(BridgeNode, args)
-
 
 
 if __name__ == '__main__':

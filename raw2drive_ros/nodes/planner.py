@@ -15,21 +15,21 @@ from raw2drive_ros.driving.isolation import block_privileged_imports, refuse_pri
 
 block_privileged_imports()
 
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn  # noqa: E402
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from msg_adapters.commands import decision_to_message  # noqa: E402
-from msg_adapters.diagnostics import ERROR, OK, WARN  # noqa: E402
-from msg_adapters.factory import RclpyFactory  # noqa: E402
-from msg_adapters.sensors import (  # noqa: E402
+from msg_adapters.commands import decision_to_message
+from msg_adapters.diagnostics import ERROR, OK, WARN
+from msg_adapters.factory import RclpyFactory
+from msg_adapters.sensors import (
     calibration_from_messages,
     image_from_message,
     imu_from_message,
     odometry_from_message,
     route_from_message,
 )
-from msg_adapters.stamps import stamp_ns  # noqa: E402
-from raw2drive_ros import topics  # noqa: E402
-from raw2drive_ros.contract import (  # noqa: E402
+from msg_adapters.stamps import stamp_ns
+from raw2drive_ros import topics
+from raw2drive_ros.contract import (
     CameraCalibration,
     ContractError,
     ImuSample,
@@ -37,13 +37,13 @@ from raw2drive_ros.contract import (  # noqa: E402
     Route,
     SensorFrame,
 )
-from raw2drive_ros.driving.bundle import Bundle, BundleError, check_rig, load_bundle  # noqa: E402
-from raw2drive_ros.driving.driver import RawDriver  # noqa: E402
-from raw2drive_ros.driving.frame_assembler import FrameAssembler  # noqa: E402
-from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher  # noqa: E402
-from raw2drive_ros.nodes.parameters import declare  # noqa: E402
-from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription  # noqa: E402
-from raw2drive_ros.nodes.runtime import NodeError, run_node, spin  # noqa: E402
+from raw2drive_ros.driving.bundle import Bundle, BundleError, check_rig, load_bundle
+from raw2drive_ros.driving.driver import RawDriver
+from raw2drive_ros.driving.frame_assembler import FrameAssembler
+from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
+from raw2drive_ros.nodes.parameters import declare
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
+from raw2drive_ros.nodes.runtime import NodeError, run_node, spin
 
 
 class PlannerNode(LifecycleNode):

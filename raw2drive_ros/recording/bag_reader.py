@@ -134,20 +134,16 @@ def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = 
             stamp = stamp_ns(message.header.stamp)
             if topic == topics.IMU:
                 imus[stamp] = imu_from_message(message)
-                continue
-            if topic == topics.ODOMETRY:
+            elif topic == topics.ODOMETRY:
                 odometries[stamp] = odometry_from_message(message)
-                continue
-            parts = pending.setdefault(stamp, {})
-            parts[topic] = message
-            if len(parts) < needed:
+            else:
+                pending.setdefault(stamp, {})[topic] = message
+            # Messages of one stamp come in any order: whichever is last completes the tick.
+            parts = pending.get(stamp, {})
+            if route is None or len(parts) < needed or stamp not in imus or stamp not in odometries:
                 continue
             del pending[stamp]
-            if route is None or stamp not in imus or stamp not in odometries:
-                continue
-            images = {
-                image_topics[t]: image_from_message(m) for t, m in parts.items() if t in image_topics
-            }
+            images = {image_topics[t]: image_from_message(m) for t, m in parts.items() if t in image_topics}
             frame, transition, episode = None, None, ''
             if privileged:
                 frame = privileged_from_messages(parts[topics.BEV], parts[topics.EGO])

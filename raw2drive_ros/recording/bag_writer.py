@@ -15,8 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosReliability
-from rosbags.interfaces import QosLiveliness, QosTime
+from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from msg_adapters.factory import RosbagsFactory
@@ -52,11 +51,17 @@ def git_revision() -> str:
     try:
         head = subprocess.run(
             ['git', '-C', str(root), 'rev-parse', '--short', 'HEAD'],
-            capture_output=True, text=True, timeout=5, check=True,
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=True,
         ).stdout.strip()
         dirty = subprocess.run(
             ['git', '-C', str(root), 'status', '--porcelain', '--untracked-files=no'],
-            capture_output=True, text=True, timeout=5, check=True,
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=True,
         ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return 'unknown'

@@ -71,9 +71,7 @@ def bag_identity(path: Path) -> str:
 def load_bag(path: Path, cache_root: Path, config: ModelConfig, *, cameras: bool) -> BagArrays:
     """The arrays of a bag, from the cache or freshly built. Raises BagError."""
     codec = MaskCodec(config)
-    layout = json.dumps(
-        [config.mask_classes, config.mask_size, config.patch, cameras, CACHE_VERSION], sort_keys=True
-    )
+    layout = json.dumps([config.mask_classes, config.mask_size, config.patch, cameras, CACHE_VERSION], sort_keys=True)
     identity = bag_identity(path)
     folder = cache_root / f'{identity}-{hashlib.sha256(layout.encode()).hexdigest()[:8]}'
     if not (folder / 'episodes.json').is_file():
@@ -133,9 +131,7 @@ def _fill(
         if cameras:
             stack = np.stack([tick.images[c] for c in topics.CAMERAS])
             if images is None:
-                images = np.lib.format.open_memmap(
-                    folder / 'images.npy', 'w+', np.uint8, (count, *stack.shape)
-                )
+                images = np.lib.format.open_memmap(folder / 'images.npy', 'w+', np.uint8, (count, *stack.shape))
             images[n] = stack
         n += 1
     if cameras and images is not None:

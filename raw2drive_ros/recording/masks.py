@@ -14,9 +14,7 @@ class MaskCodec:
     """Packs (43, 128, 128) masks for the cache and unpacks batches for the encoder."""
 
     def __init__(self, config: ModelConfig) -> None:
-        self.groups = [
-            [CHANNELS.index(name) for name in names] for names in config.mask_classes.values()
-        ]
+        self.groups = [[CHANNELS.index(name) for name in names] for names in config.mask_classes.values()]
         self.size, self.patch, self.grid = config.mask_size, config.patch, config.grid
         if SIZE_PX % config.mask_size or config.mask_size % config.patch:
             raise ValueError(f'mask_size {config.mask_size} must divide {SIZE_PX} and be a multiple of patch')
@@ -31,9 +29,7 @@ class MaskCodec:
 
     def merge(self, bev: NDArray[np.bool_]) -> NDArray[np.uint8]:
         """(43, 128, 128) -> (C, size, size) 0/1: any merged channel set, and at least half of the pixel."""
-        merged = np.stack(
-            [bev[g[0]] if len(g) == 1 else bev[g].any(axis=0) for g in self.groups]
-        ).view(np.uint8)
+        merged = np.stack([bev[g[0]] if len(g) == 1 else bev[g].any(axis=0) for g in self.groups]).view(np.uint8)
         if self.size == SIZE_PX:
             return merged
         side = (self.size, self.size)

@@ -46,8 +46,10 @@ class TickMessages:
             yield topics.extrinsics_topic(camera.name), stamp_ns, message
         mounting = np.eye(4)
         mounting[0, 3] = IMU_X_M
-        yield topics.IMU_EXTRINSICS, stamp_ns, transform_to_message(
-            self.factory, mounting, BASE_FRAME, IMU_FRAME, stamp_ns
+        yield (
+            topics.IMU_EXTRINSICS,
+            stamp_ns,
+            transform_to_message(self.factory, mounting, BASE_FRAME, IMU_FRAME, stamp_ns),
         )
 
     def route(self, tick: Tick) -> Addressed:

@@ -33,9 +33,7 @@ class Video:
     stills: dict[str, Rgb] = field(default_factory=dict)
 
 
-def write_video(
-    bag: Path, bundle_path: Path, target: Path, advance: Callable[..., None] = lambda done: None
-) -> Video:
+def write_video(bag: Path, bundle_path: Path, target: Path, advance: Callable[..., None] = lambda done: None) -> Video:
     """Replay a bag's sensors through the bundle's driver and draw every tick. Raises BagError, BundleError."""
     import av
 

@@ -56,10 +56,7 @@ class Script:
     def fires(self, world: World, actor: Vehicle) -> bool:
         ego = world.ego
         return bool(
-            (
-                self.ego_within_m is not None
-                and math.hypot(*(actor.position - ego.position)) < self.ego_within_m
-            )
+            (self.ego_within_m is not None and math.hypot(*(actor.position - ego.position)) < self.ego_within_m)
             or (self.ego_at_s_m is not None and world.route_s_m >= self.ego_at_s_m)
             or (self.time_s is not None and world.time_s >= self.time_s)
         )
@@ -92,9 +89,7 @@ class PathVehicle(Vehicle):
         self.kind = kind
         self.colour = colour
         self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M[kind]
-        self.scripts = [
-            Script(**{k: getattr(s, k) for k in _SCRIPT_FIELDS}) for s in scripts
-        ]
+        self.scripts = [Script(**{k: getattr(s, k) for k in _SCRIPT_FIELDS}) for s in scripts]
         self.heedless = heedless
         self.waits_at_m = waits_at_m
         self.base_lateral_m = self.lateral_m = lateral_m

@@ -73,9 +73,7 @@ class BevRenderer:
         for marking in self.world.road.markings:
             kind = marking.kind
             if kind == 'zebra':
-                cv2.fillPoly(
-                    planes['crosswalk_or_stop_line'], [self._to_map(marking.points_m)], 1, shift=SHIFT
-                )
+                cv2.fillPoly(planes['crosswalk_or_stop_line'], [self._to_map(marking.points_m)], 1, shift=SHIFT)
                 continue
             plane = (
                 'crosswalk_or_stop_line'
@@ -84,9 +82,7 @@ class BevRenderer:
                 if kind.startswith('yellow')
                 else 'lane_line'
             )
-            cv2.polylines(
-                planes[plane], [self._to_map(marking.points_m)], False, 1, thickness, shift=SHIFT
-            )
+            cv2.polylines(planes[plane], [self._to_map(marking.points_m)], False, 1, thickness, shift=SHIFT)
         route = self._to_map(self.world.route.points_m)
         wide = round(LANE_WIDTH_M * MAP_PIXELS_PER_M)
         cv2.polylines(planes['route_lane'], [route], False, 1, wide, shift=SHIFT)

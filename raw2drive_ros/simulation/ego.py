@@ -41,9 +41,7 @@ class EgoVehicle(Vehicle):
     WIDTH = 2.0
     HEIGHT = 1.5
 
-    def __init__(
-        self, x_m: float, y_m: float, yaw_rad: float, speed_mps: float, parameters: EgoParameters
-    ) -> None:
+    def __init__(self, x_m: float, y_m: float, yaw_rad: float, speed_mps: float, parameters: EgoParameters) -> None:
         super().__init__(None, (x_m, y_m), yaw_rad, speed_mps)
         self.parameters = parameters
         self.command = Control()

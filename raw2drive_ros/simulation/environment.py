@@ -85,9 +85,7 @@ class DrivingEnv(AbstractEnv):
 
     def define_spaces(self) -> None:
         """throttle, brake, steer, reverse; observations are `Tick` objects, not arrays."""
-        self.action_space = gym.spaces.Box(
-            np.array([0, 0, -1, 0], np.float32), np.array([1, 1, 1, 1], np.float32)
-        )
+        self.action_space = gym.spaces.Box(np.array([0, 0, -1, 0], np.float32), np.array([1, 1, 1, 1], np.float32))
         self.observation_space = gym.spaces.Dict({})
 
     def reset(  # type: ignore[override]
@@ -98,9 +96,7 @@ class DrivingEnv(AbstractEnv):
         seed = 0 if seed is None else int(seed)
         rng = rng_for(name, seed)
         self.world = World(get_scenario(name), rng)
-        self.road = Road(
-            self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32)
-        )
+        self.road = Road(self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32))
         self.controlled_vehicles = [self.world.ego]
         self.noise_rng = rng
         self.scenario_name, self.seed_used = name, seed
@@ -188,10 +184,6 @@ class DrivingEnv(AbstractEnv):
         if self.bev is not None:
             ego = self.world.ego
             vector = (ego.speed, ego.steer, ego.throttle, ego.brake, ego.yaw_rate)
-            privileged = PrivilegedFrame(
-                self.clock_ns, self.bev.render(), np.array(vector, np.float32)
-            )
+            privileged = PrivilegedFrame(self.clock_ns, self.bev.render(), np.array(vector, np.float32))
         sensors = SensorFrame(self.clock_ns, images, imus[-1], odometries[-1])
-        return Tick(
-            self.clock_ns, sensors, imus, odometries, self.route, privileged, transition, info
-        )
+        return Tick(self.clock_ns, sensors, imus, odometries, self.route, privileged, transition, info)

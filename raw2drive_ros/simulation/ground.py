@@ -102,9 +102,7 @@ class GroundProjector:
                     maps[level].append(ego_xy[start:end])
         self.maps = {level: np.concatenate(parts) for level, parts in maps.items() if parts}
 
-    def draw(
-        self, frames: list[Rgb], pyramid: list[Rgb], origin: Float64, pose: tuple[float, float, float]
-    ) -> None:
+    def draw(self, frames: list[Rgb], pyramid: list[Rgb], origin: Float64, pose: tuple[float, float, float]) -> None:
         """Paint the ground into every frame (modified in place)."""
         x, y, yaw = pose
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -134,9 +132,7 @@ class GroundProjector:
             taken[band.level] = start + rows
 
 
-def _ground_rays(
-    camera: CameraCalibration, scale: int
-) -> tuple[NDArray[np.float32], Float64, int]:
+def _ground_rays(camera: CameraCalibration, scale: int) -> tuple[NDArray[np.float32], Float64, int]:
     """((H, W, 2) ego-frame ground points, (H,) footprint in metres, first row below the horizon)."""
     height, width = camera.height * scale, camera.width * scale
     intrinsics = camera.intrinsics * np.array([[scale], [scale], [1.0]])

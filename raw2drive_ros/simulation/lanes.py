@@ -74,10 +74,8 @@ class ArcLane(AbstractLane):
 
     def centre_line(self, spacing_m: float = 1.0, lateral_m: float = 0.0) -> Float64:
         """(N, 2) points along the lane at a lateral offset."""
-        count = max(2, int(math.ceil(self.length / spacing_m)) + 1)
-        return np.array(
-            [self.pose(s, lateral_m)[:2] for s in np.linspace(0.0, self.length, count)]
-        )
+        count = max(2, math.ceil(self.length / spacing_m) + 1)
+        return np.array([self.pose(s, lateral_m)[:2] for s in np.linspace(0.0, self.length, count)])
 
     def to_config(self) -> dict[str, object]:
         return {

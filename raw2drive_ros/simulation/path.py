@@ -26,9 +26,7 @@ class Path:
         distance = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))))
         count = max(2, int(distance[-1] / SPACING_M) + 1)
         wanted = np.arange(count) * SPACING_M
-        self.points_m: Float64 = np.stack(
-            [np.interp(wanted, distance, points_m[:, axis]) for axis in (0, 1)], axis=1
-        )
+        self.points_m: Float64 = np.stack([np.interp(wanted, distance, points_m[:, axis]) for axis in (0, 1)], axis=1)
         tangents = np.gradient(self.points_m, axis=0)
         self.headings_rad: Float64 = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
         self.length_m = float(wanted[-1])

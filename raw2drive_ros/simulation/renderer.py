@@ -30,9 +30,7 @@ SHIFT = 4
 class CameraRenderer:
     """Renders one world through a rig; `new_world` swaps the world and keeps the rig's tables."""
 
-    def __init__(
-        self, cameras: tuple[CameraCalibration, ...], supersampling: int = SUPERSAMPLING
-    ) -> None:
+    def __init__(self, cameras: tuple[CameraCalibration, ...], supersampling: int = SUPERSAMPLING) -> None:
         self.cameras = cameras
         self.scale = supersampling
         self.ground = GroundProjector(cameras, supersampling)

@@ -66,13 +66,9 @@ class RewardModel:
         override, cause, truncated = self._end(world, deviation, infractions)
         if override is not None:
             terms = dict.fromkeys(terms, 0.0) | {'terminal': override}
-        return Outcome(
-            sum(terms.values()), terms, target, override is not None and not truncated, truncated, cause
-        )
+        return Outcome(sum(terms.values()), terms, target, override is not None and not truncated, truncated, cause)
 
-    def _end(
-        self, world: World, deviation: float, infractions: list[str]
-    ) -> tuple[float | None, str, bool]:
+    def _end(self, world: World, deviation: float, infractions: list[str]) -> tuple[float | None, str, bool]:
         """(reward that replaces the sum, cause, is it a truncation)."""
         fatal = [i for i in infractions if i.startswith('collision') or i in ('red_light', 'stop_sign')]
         if fatal:

@@ -18,7 +18,6 @@ from raw2drive_ros.simulation.layout import (
     ARM_LENGTH_M,
     CORNER_RADIUS_M,
     LANE_WIDTH_M,
-    Curve,
     Junction,
     RoadLayout,
     Straight,
@@ -105,7 +104,7 @@ class RoadMap:
         if source == 'back':
             edges += self.forward[:piece]
         elif source == self.junctions[junction].spec.turn:
-            edges += self.backward[: piece : -1]
+            edges += self.backward[:piece:-1]
         else:
             edges.append((f'j{piece}{source}far_in', f'j{piece}{source}in'))
         edges.append((_inward(self, piece, source), _outward(self, piece, target)))
@@ -178,9 +177,7 @@ class RoadBuilder:
         return self.road
 
     def _add(self, edge: Edge, pose: Pose, length: float, curvature: float) -> None:
-        lane = ArcLane(
-            pose[:2], pose[2], length, curvature, LANE_WIDTH_M, self.layout.speed_limit_mps
-        )
+        lane = ArcLane(pose[:2], pose[2], length, curvature, LANE_WIDTH_M, self.layout.speed_limit_mps)
         self.road.network.add_lane(*edge, lane)
 
     def _parallel(
@@ -211,13 +208,9 @@ class RoadBuilder:
         return reference.pose(length)
 
     def _strip(self, lane: ArcLane, left: float, right: float) -> Float64:
-        return np.concatenate(
-            [lane.centre_line(SAMPLE_M, left), lane.centre_line(SAMPLE_M, right)[::-1]]
-        )
+        return np.concatenate([lane.centre_line(SAMPLE_M, left), lane.centre_line(SAMPLE_M, right)[::-1]])
 
-    def _paint(
-        self, pose: Pose, length: float, curvature: float, forward: int, backward: int
-    ) -> None:
+    def _paint(self, pose: Pose, length: float, curvature: float, forward: int, backward: int) -> None:
         """Asphalt, edge lines, lane lines and the centre line of one section."""
         layout, road = self.layout, self.road
         lane = ArcLane(pose[:2], pose[2], length, curvature, 1, 1)
@@ -255,9 +248,7 @@ class RoadBuilder:
                 if source != target:
                     edge = (_inward(road, index, source), _outward(road, index, target))
                     self._connector(edge, start, goal, half, lanes)
-        square = [
-            _advance(centre, sx * half, sy * half)[:2] for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))
-        ]
+        square = [_advance(centre, sx * half, sy * half)[:2] for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
         road.surfaces_m.append(np.array(square))
         # A missing arm leaves a kerb: paint its edge.
         for arm in ('left', 'right', 'ahead'):
@@ -273,11 +264,7 @@ class RoadBuilder:
         road.forward.append((f'c{index}', f'c{index + 1}'))
         road.backward.append((f'b{index + 1}', f'b{index}'))
         exit_distance = self.distance_m + connector.length
-        road.junctions.append(
-            JunctionSite(
-                index, centre[:2], pose[2], half, spec, self.distance_m, exit_distance
-            )
-        )
+        road.junctions.append(JunctionSite(index, centre[:2], pose[2], half, spec, self.distance_m, exit_distance))
         self.centre.append((index, np.array([pose[:2], centre[:2], outlet[:2]])))
         self.distance_m = exit_distance
         return outlet
@@ -288,12 +275,8 @@ class RoadBuilder:
         far = _advance(inlet, -ARM_LENGTH_M)
         for lane in range(lanes):
             offset = (lane + 0.5) * LANE_WIDTH_M
-            self._parallel(
-                (f'j{index}{arm}far_in', f'j{index}{arm}in'), far, ARM_LENGTH_M, 0.0, -offset, reverse=False
-            )
-            self._parallel(
-                (f'j{index}{arm}out', f'j{index}{arm}far_out'), far, ARM_LENGTH_M, 0.0, offset, reverse=True
-            )
+            self._parallel((f'j{index}{arm}far_in', f'j{index}{arm}in'), far, ARM_LENGTH_M, 0.0, -offset, reverse=False)
+            self._parallel((f'j{index}{arm}out', f'j{index}{arm}far_out'), far, ARM_LENGTH_M, 0.0, offset, reverse=True)
         self._paint(far, ARM_LENGTH_M, 0.0, lanes, lanes)
         self.centre.append((index, ArcLane(far[:2], far[2], ARM_LENGTH_M, 0.0, 1, 1).centre_line(4.0)))
 
@@ -362,8 +345,7 @@ class RoadBuilder:
         offset = -right + 0.3
         while offset + 0.5 < left:
             corners = [
-                _advance(origin, a, offset + b)[:2]
-                for a, b in ((-1.5, 0.0), (1.5, 0.0), (1.5, 0.5), (-1.5, 0.5))
+                _advance(origin, a, offset + b)[:2] for a, b in ((-1.5, 0.0), (1.5, 0.0), (1.5, 0.5), (-1.5, 0.5))
             ]
             self.road.markings.append(Marking('zebra', np.array(corners)))
             offset += 1.0

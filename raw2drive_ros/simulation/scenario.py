@@ -165,9 +165,7 @@ def load_scenarios() -> dict[str, Scenario]:
 def get_scenario(name: str) -> Scenario:
     known = load_scenarios()
     if name not in known:
-        raise UnknownScenarioError(
-            f'unknown scenario {name!r}; known: {", ".join(known)} (see `raw2drive sim --list`)'
-        )
+        raise UnknownScenarioError(f'unknown scenario {name!r}; known: {", ".join(known)} (see `raw2drive sim --list`)')
     return known[name]
 
 

@@ -70,9 +70,7 @@ def _shape(quads: list[Quad]) -> Shape:
     corners = np.array([q[0] for q in quads], np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Shape(
-        corners, np.array([q[1] for q in quads], np.float64), normals, np.array([q[2] for q in quads])
-    )
+    return Shape(corners, np.array([q[1] for q in quads], np.float64), normals, np.array([q[2] for q in quads]))
 
 
 @cache

@@ -139,9 +139,7 @@ class World:
     def _actor(self, spec: TrafficSpec | WalkerSpec | StandingSpec, rng: Rng) -> Actor:
         colour = int(rng.integers(0, 8))
         if isinstance(spec, WalkerSpec):
-            return Walker(
-                self.route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.trigger_m, colour
-            )
+            return Walker(self.route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.trigger_m, colour)
         if isinstance(spec, StandingSpec):
             x, y, yaw = self.route.pose(spec.s_m, spec.lateral_m)
             return StandingObject(x, y, yaw + spec.yaw_rad, spec.kind, colour)

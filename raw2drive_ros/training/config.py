@@ -31,7 +31,8 @@ class TrainConfig(Strict):
     warmup: int = 200
     model_clip: float = 100.0
     policy_clip: float = 100.0
-    policy_every: int = 1
+    policy_every: int = Field(1, description='world-model steps per round of policy updates')
+    policy_updates: int = Field(1, description='policy updates per round, each from fresh imagination')
     policy_after: int = Field(0, description='steps of world-model training before the policy starts')
     reset_policy_at: int = Field(0, description='give the policy fresh weights at this step; 0 = never')
     terminal_share: float = Field(0.3, description='share of sequences that hold a terminal step')

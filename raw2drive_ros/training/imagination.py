@@ -14,9 +14,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
-from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.training.config import TrainConfig
 from raw2drive_ros.training.optimiser import Optimiser
 from raw2drive_ros.world_model.actor_critic import Actor, Policy, lambda_returns
@@ -82,14 +80,10 @@ def imagine(
     stacked = torch.stack(features)
     guided = torch.stack(teachers) if teachers else None
     judged = stacked if guided is None or own_heads else guided
-    return Rollout(
-        stacked, guided, torch.stack(actions), reward(judged[1:]), cont(judged[1:])
-    )
+    return Rollout(stacked, guided, torch.stack(actions), reward(judged[1:]), cont(judged[1:]))
 
 
-def policy_losses(
-    policy: Policy, rollout: Rollout, config: TrainConfig
-) -> tuple[Tensor, Tensor, dict[str, float]]:
+def policy_losses(policy: Policy, rollout: Rollout, config: TrainConfig) -> tuple[Tensor, Tensor, dict[str, float]]:
     """(actor loss, critic loss, metrics) of one rollout; gradients reach the policy only."""
     features = rollout.features
     with torch.no_grad():
@@ -136,12 +130,8 @@ def choose_starts(
     return chosen, tuple(e.detach().flatten(0, 1)[pick] for e in extra)
 
 
-def update_policy(
-    policy: Policy, optimiser: Optimiser, loss: Tensor, config: TrainConfig
-) -> float:
+def update_policy(policy: Policy, optimiser: Optimiser, loss: Tensor, config: TrainConfig) -> float:
     """One optimiser step and one slow-critic step; returns the gradient norm."""
     norm = optimiser.step(loss)
     policy.critic.follow(config.slow_rate)
     return norm
-
-

@@ -46,9 +46,7 @@ def open_loop(trainer: PrivilegedTrainer | RawTrainer, batch: Batch) -> tuple[to
     return posterior[None], dreamed[None]
 
 
-def save_pictures(
-    folder: Path, trainer: PrivilegedTrainer | RawTrainer, batch: Batch, codec: MaskCodec
-) -> Path:
+def save_pictures(folder: Path, trainer: PrivilegedTrainer | RawTrainer, batch: Batch, codec: MaskCodec) -> Path:
     """A strip of truth, reconstruction and imagination over time, as `folder/<step>.png`."""
     folder.mkdir(parents=True, exist_ok=True)
     posterior, dreamed = open_loop(trainer, batch)

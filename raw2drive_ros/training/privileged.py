@@ -43,9 +43,7 @@ class PrivilegedTrainer:
 
     def _make_optimisers(self) -> None:
         t = self.config.train
-        self.model_optimiser = Optimiser(
-            self.model.parameters(), t.model_lr, t.weight_decay, t.model_clip, t.warmup
-        )
+        self.model_optimiser = Optimiser(self.model.parameters(), t.model_lr, t.weight_decay, t.model_clip, t.warmup)
         self._make_policy_optimiser()
 
     def _make_policy_optimiser(self) -> None:
@@ -113,8 +111,9 @@ class PrivilegedTrainer:
         if self.steps == t.reset_policy_at:
             self.reset_policy()
         if self.steps > t.policy_after and self.steps % t.policy_every == 0:
-            start, _ = choose_starts(states, (), batch.cont, t.starts, self.generator)
-            metrics |= self.policy_step(start)
+            for _ in range(t.policy_updates):
+                start, _ = choose_starts(states, (), batch.cont, t.starts, self.generator)
+                metrics |= self.policy_step(start)
         return metrics
 
     def policy_step(self, start: State) -> dict[str, float]:

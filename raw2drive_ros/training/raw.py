@@ -44,18 +44,14 @@ class RawTrainer:
         self.config, self.total_steps = config, total_steps
         self.teacher = teacher.model.requires_grad_(False).eval()
         self.teacher_policy = teacher.policy.requires_grad_(False).eval()
-        self.model = RawWorldModel(
-            config.model, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT, tuple(t.raw_heads)
-        )
+        self.model = RawWorldModel(config.model, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT, tuple(t.raw_heads))
         self.model.initialise_from(self.teacher, share=t.share)
         self.policy = Policy(config.model, ACTION_COUNT)
         if t.policy_init != 'fresh':
             self.policy.load_state_dict(self.teacher_policy.state_dict())
         self.generator = torch.Generator().manual_seed(t.seed)
         self.steps = 0
-        self.model_optimiser = Optimiser(
-            self.model.parameters(), t.model_lr, t.weight_decay, t.model_clip, t.warmup
-        )
+        self.model_optimiser = Optimiser(self.model.parameters(), t.model_lr, t.weight_decay, t.model_clip, t.warmup)
         self.policy_optimiser = Optimiser(
             self.policy.parameters(), t.policy_lr, t.weight_decay, t.policy_clip, t.warmup
         )
@@ -131,7 +127,8 @@ class RawTrainer:
         metrics['grad/model'] = self.model_optimiser.step(self.weigh(losses))
         self.steps += 1
         if t.policy_init != 'frozen' and self.steps > t.policy_after and self.steps % t.policy_every == 0:
-            metrics |= self.policy_step(pair, batch)
+            for _ in range(t.policy_updates):
+                metrics |= self.policy_step(pair, batch)
         return metrics
 
     def distill_weight(self) -> float:
@@ -143,9 +140,7 @@ class RawTrainer:
     def policy_step(self, pair: PairedRollout, batch: Batch) -> dict[str, float]:
         """Actor-critic in the raw model's imagination, judged by the privileged heads in lock-step."""
         t = self.config.train
-        start, (guide_deter,) = choose_starts(
-            pair.raw, (pair.privileged.deter,), batch.cont, t.starts, self.generator
-        )
+        start, (guide_deter,) = choose_starts(pair.raw, (pair.privileged.deter,), batch.cont, t.starts, self.generator)
         own = not t.head_guidance and self.model.reward is not None and self.model.cont is not None
         rollout = imagine(
             self.model.rssm,

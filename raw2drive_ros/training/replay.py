@@ -39,9 +39,7 @@ class Batch:
 class Replay:
     """Draws with its own generator, whose state goes into the checkpoint: resuming repeats the same batches."""
 
-    def __init__(
-        self, bags: list[BagArrays], codec: MaskCodec, length: int, terminal_share: float, seed: int
-    ) -> None:
+    def __init__(self, bags: list[BagArrays], codec: MaskCodec, length: int, terminal_share: float, seed: int) -> None:
         self.bags = [bag for bag in bags if len(bag) >= length]
         if not self.bags:
             raise ValueError(f'no bag holds {length} ticks or more')
@@ -49,9 +47,7 @@ class Replay:
         self.rng = np.random.default_rng(seed)
         starts = np.array([len(bag) - length + 1 for bag in self.bags])
         self.cumulative = np.cumsum(starts)
-        self.terminals = [
-            (i, int(t)) for i, bag in enumerate(self.bags) for t in np.flatnonzero(bag.flags & TERMINAL)
-        ]
+        self.terminals = [(i, int(t)) for i, bag in enumerate(self.bags) for t in np.flatnonzero(bag.flags & TERMINAL)]
         self.ticks = sum(len(bag) for bag in self.bags)
 
     def _start(self) -> tuple[BagArrays, int]:

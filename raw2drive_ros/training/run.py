@@ -154,9 +154,7 @@ def _make_trainer(
     return RawTrainer(config, teacher, rig_of(bags[0].path), steps)
 
 
-def _loop(
-    trainer: Trainer, replay: Replay, folder: RunFolder, steps: int, report: Report, *, raw: bool
-) -> None:
+def _loop(trainer: Trainer, replay: Replay, folder: RunFolder, steps: int, report: Report, *, raw: bool) -> None:
     t = trainer.config.train
     size = t.raw_batch if raw else t.batch
     sums: dict[str, list[float]] = {}

@@ -80,9 +80,7 @@ class Policy(nn.Module):
         self.scale = ReturnScale()
 
 
-def lambda_returns(
-    rewards: Tensor, discounts: Tensor, values: Tensor, lambda_: float
-) -> Tensor:
+def lambda_returns(rewards: Tensor, discounts: Tensor, values: Tensor, lambda_: float) -> Tensor:
     """(H, N) returns of steps 0..H-1.
 
     rewards, discounts: (H, N), of ARRIVING at step i+1 (reward, gamma * continue). values: (H+1, N).

@@ -9,6 +9,7 @@ height to trust. Any calibrated pinhole rig works; nothing but the matrix depend
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,9 +19,9 @@ from torch import Tensor, nn
 
 from raw2drive_ros.bev_channels import EGO_COLUMN_PX, EGO_ROW_PX, PIXELS_PER_M, SIZE_PX
 from raw2drive_ros.contract import CameraCalibration, Float64
+from raw2drive_ros.world_model.bev_encoder import Residual
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.layers import Conv
-from raw2drive_ros.world_model.bev_encoder import Residual
 
 STRIDE = 8
 NEAR_M = 0.2
@@ -101,8 +102,11 @@ class Lifting(nn.Module):
                 (self.side * self.side, pixels),
                 check_invariants=False,
             ).coalesce()
-            self.matrices.append(matrix.to_sparse_csr())
-            self.transposed.append(matrix.t().coalesce().to_sparse_csr())
+            with warnings.catch_warnings():
+                # Torch calls CSR "beta"; only its matrix product is used here, and a test checks that.
+                warnings.filterwarnings('ignore', message='Sparse CSR tensor support')
+                self.matrices.append(matrix.to_sparse_csr())
+                self.transposed.append(matrix.t().coalesce().to_sparse_csr())
 
     def forward(self, features: Tensor, scores: Tensor) -> Tensor:
         count, pixels, width = features.shape
@@ -128,14 +132,11 @@ class CameraEncoder(nn.Module):
         for camera in cameras:
             if (camera.height, camera.width) != (height, width):
                 raise ValueError(
-                    f'camera {camera.name} is {camera.height}x{camera.width}, '
-                    f'the model expects {height}x{width}'
+                    f'camera {camera.name} is {camera.height}x{camera.width}, the model expects {height}x{width}'
                 )
         w = c.camera_width
         narrow = max(8, w * 2 // 3)
-        self.backbone = nn.Sequential(
-            Conv(3, narrow, 8, 4), nn.SiLU(), Conv(narrow, w, 4, 2), nn.SiLU(), Residual(w)
-        )
+        self.backbone = nn.Sequential(Conv(3, narrow, 8, 4), nn.SiLU(), Conv(narrow, w, 4, 2), nn.SiLU(), Residual(w))
         self.score = Conv(w, len(c.lift_heights_m), 1)
         self.lift = Lifting(config, cameras)
         self.squeeze = Conv(len(c.lift_heights_m) * w, c.encoder_width, 1)

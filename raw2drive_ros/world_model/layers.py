@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import torch
 from torch import Tensor, nn
 
@@ -55,11 +57,9 @@ class Dense(nn.Module):
 class Mlp(nn.Sequential):
     """`layers` dense layers and a linear output, whose initial scale is `out_scale`."""
 
-    def __init__(
-        self, inputs: int, units: int, layers: int, outputs: int, out_scale: float = 1.0
-    ) -> None:
+    def __init__(self, inputs: int, units: int, layers: int, outputs: int, out_scale: float = 1.0) -> None:
         sizes = [inputs] + [units] * layers
-        dense = [Dense(a, b) for a, b in zip(sizes[:-1], sizes[1:], strict=True)]
+        dense = [Dense(a, b) for a, b in itertools.pairwise(sizes)]
         super().__init__(*dense, Linear(sizes[-1], outputs, out_scale))
 
 

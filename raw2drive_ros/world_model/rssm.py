@@ -55,9 +55,7 @@ class Rssm(nn.Module):
     def initial(self, batch: int) -> State:
         c = self.config
         device = self.post_embed.weight.device
-        return State(
-            torch.zeros(batch, c.deter, device=device), torch.zeros(batch, c.stoch_size, device=device)
-        )
+        return State(torch.zeros(batch, c.deter, device=device), torch.zeros(batch, c.stoch_size, device=device))
 
     def step_deter(self, state: State, action: Tensor) -> Tensor:
         """h_t from (B, D), (B, S*K) and one-hot (B, A) actions."""
@@ -71,9 +69,7 @@ class Rssm(nn.Module):
         x = self.core_hidden(x).transpose(0, 1).reshape(batch, -1)
         x = nn.functional.silu(self.core_norm(x))
         gates = self.core_gates(x.view(batch, c.blocks, -1).transpose(0, 1))
-        reset, candidate, update = (
-            gate.transpose(0, 1).reshape(batch, -1) for gate in gates.chunk(3, -1)
-        )
+        reset, candidate, update = (gate.transpose(0, 1).reshape(batch, -1) for gate in gates.chunk(3, -1))
         update = torch.sigmoid(update - 1.0)
         candidate = torch.tanh(torch.sigmoid(reset) * candidate)
         return update * candidate + (1.0 - update) * state.deter

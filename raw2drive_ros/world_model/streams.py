@@ -24,9 +24,7 @@ from raw2drive_ros.world_model.rssm import Rssm
 class WorldModel(nn.Module):
     """What both streams have: a vector encoder, an RSSM and a BEV decoder around their own grid encoder."""
 
-    def __init__(
-        self, config: ModelConfig, encoder: nn.Module, vector_size: int, ego_size: int, actions: int
-    ) -> None:
+    def __init__(self, config: ModelConfig, encoder: nn.Module, vector_size: int, ego_size: int, actions: int) -> None:
         super().__init__()
         self.config = config
         self.encoder = encoder

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-
 from raw2drive_ros.simulation.actors import Script
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, Curve, Junction, RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
-    RouteSpec,
     Rng,
+    RouteSpec,
     Scene,
     StandingSpec,
     TrafficSpec,
@@ -40,9 +39,7 @@ def pedestrian_dart_out(rng: Rng) -> Scene:
     where = float(rng.uniform(60, 100))
     side = -1.0
     van = StandingSpec('parked_van', where - 5.0, side * (LANE_WIDTH_M / 2 + 1.3))
-    walker = WalkerSpec(
-        where, side * 4.5, 6.0, float(rng.uniform(1.2, 2.2)), trigger_m=float(rng.uniform(18, 26))
-    )
+    walker = WalkerSpec(where, side * 4.5, 6.0, float(rng.uniform(1.2, 2.2)), trigger_m=float(rng.uniform(18, 26)))
     layout = RoadLayout((Straight(150),), 1, 1, float(rng.uniform(8, 11)), shoulder_m=3.0)
     return Scene(layout, RouteSpec(start_speed_mps=5.0), (van, walker))
 
@@ -52,9 +49,7 @@ def parking_cut_in(rng: Rng) -> Scene:
     """A parked car pulls out right in front of the ego."""
     where = float(rng.uniform(60, 90))
     aside = -(LANE_WIDTH_M / 2 + 1.2)
-    parked = tuple(
-        StandingSpec('parked', where + gap, aside) for gap in (-16.0, -8.5, 20.0)
-    )
+    parked = tuple(StandingSpec('parked', where + gap, aside) for gap in (-16.0, -8.5, 20.0))
     puller = TrafficSpec(
         'forward',
         s_m=where,
@@ -81,7 +76,14 @@ def priority_taken(rng: Rng) -> Scene:
         s_m=float(rng.uniform(10, 20)),
         speed_mps=0.0,
         target_speed_mps=0.01,
-        scripts=(Script(ego_at_s_m=float(rng.uniform(28, 40)), target_speed_mps=speed, acceleration_mps2=4.0, until_speed_mps=-1.0),),
+        scripts=(
+            Script(
+                ego_at_s_m=float(rng.uniform(28, 40)),
+                target_speed_mps=speed,
+                acceleration_mps2=4.0,
+                until_speed_mps=-1.0,
+            ),
+        ),
         heedless=True,
     )
     layout = RoadLayout((Straight(70), Junction('ahead'), Straight(60)), 1, 1, 10.0)
@@ -97,11 +99,7 @@ def pedestrian_crossing(rng: Rng) -> Scene:
         side = float(rng.choice((-1, 1)))
         start, goal = (-3.5, 7.5) if side < 0 else (7.5, -3.5)
         walkers.append(
-            WalkerSpec(
-                where + 0.9 * (i - 1), start, goal, float(rng.uniform(1.0, 1.6)), float(rng.uniform(22, 34))
-            )
+            WalkerSpec(where + 0.9 * (i - 1), start, goal, float(rng.uniform(1.0, 1.6)), float(rng.uniform(22, 34)))
         )
     layout = RoadLayout((Straight(150),), 1, 1, float(rng.uniform(8, 11)), 2.0, zebras_m=(where,))
     return Scene(layout, RouteSpec(start_speed_mps=5.0), tuple(walkers))
-
-

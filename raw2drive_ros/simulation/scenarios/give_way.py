@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from raw2drive_ros.simulation.actors import PathVehicle, Script
 from raw2drive_ros.simulation.layout import Curve, RoadLayout, Straight
-from raw2drive_ros.simulation.scenario import LaneChange, RouteSpec, Rng, Scene, TrafficSpec, scenario
+from raw2drive_ros.simulation.scenario import LaneChange, Rng, RouteSpec, Scene, TrafficSpec, scenario
 from raw2drive_ros.simulation.world import World
 
 

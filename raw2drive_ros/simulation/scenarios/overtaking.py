@@ -5,8 +5,8 @@ from __future__ import annotations
 from raw2drive_ros.simulation.layout import RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
     LaneChange,
-    RouteSpec,
     Rng,
+    RouteSpec,
     Scene,
     StandingSpec,
     TrafficSpec,
@@ -38,9 +38,7 @@ def parked_obstacle(rng: Rng) -> Scene:
 def construction(rng: Rng) -> Scene:
     """Cones and a barrier close the right lane."""
     where = float(rng.uniform(80, 110))
-    cones = tuple(
-        StandingSpec('cone', where - 10 + 3 * i, -4.9 + 0.45 * i) for i in range(4)
-    )
+    cones = tuple(StandingSpec('cone', where - 10 + 3 * i, -4.9 + 0.45 * i) for i in range(4))
     barrier = StandingSpec('barrier', where + 4, -3.5)
     layout = RoadLayout((Straight(220),), 2, 0, 11.0)
     return Scene(layout, RouteSpec(1, _past(where, 1), start_speed_mps=5.0), (*cones, barrier))
@@ -51,9 +49,7 @@ def slow_cyclists(rng: Rng) -> Scene:
     """Slow cyclists ride at the right edge of the right lane."""
     where = float(rng.uniform(70, 90))
     speed = float(rng.uniform(2.0, 3.5))
-    riders = tuple(
-        TrafficSpec('forward', where + gap, speed, lane=1, kind='cyclist') for gap in (0.0, 4.0)
-    )
+    riders = tuple(TrafficSpec('forward', where + gap, speed, lane=1, kind='cyclist') for gap in (0.0, 4.0))
     # Out early and back late: the riders move on while the ego passes.
     changes = (LaneChange(where - 35, 0, 25), LaneChange(where + 60, 1, 30))
     layout = RoadLayout((Straight(240),), 2, 0, 11.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from raw2drive_ros.simulation.layout import Junction, RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
     LightSpec,
-    RouteSpec,
     Rng,
+    RouteSpec,
     Scene,
     StopSignSpec,
     TrafficSpec,
@@ -21,9 +21,7 @@ def _turn(rng: Rng) -> str:
 @scenario('VanillaSignalizedTurnEncounterRedLight', 'TrafficSign')
 def red_light(rng: Rng) -> Scene:
     """The light is red, then turns green; cross traffic uses the red phase."""
-    crossing = tuple(
-        TrafficSpec(('left', 'right'), float(s), 7.0, obeys_light=True) for s in (15, 32)
-    )
+    crossing = tuple(TrafficSpec(('left', 'right'), float(s), 7.0, obeys_light=True) for s in (15, 32))
     light = LightSpec(0, (('red', float(rng.uniform(5, 10))), ('green', 60.0)))
     layout = RoadLayout((Straight(70), Junction(_turn(rng), control='light'), Straight(60)), 1, 1, 9.0)
     return Scene(layout, RouteSpec(start_speed_mps=4.0), crossing, (light,))

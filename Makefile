@@ -1,0 +1,35 @@
+# One environment, made once, in .venv. `make demo` and `make test` are all that a newcomer needs.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test lint types unit docs-check build clean
+
+$(STAMP): setup.py constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt torch==2.13.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[ros,test]' \
+		--config-settings editable_mode=compat
+	touch $@
+
+demo: $(STAMP)
+	$(BIN)/python -m raw2drive_ros.cli.main demo
+
+test: lint types unit
+
+lint: $(STAMP)
+	$(BIN)/python -m ruff check .
+
+types: $(STAMP)
+	$(BIN)/python -m mypy
+
+unit: $(STAMP)
+	$(BIN)/python -m pytest -q test
+
+build: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt colcon-common-extensions
+	$(BIN)/python -m colcon build --packages-select raw2drive_ros
+
+clean:
+	rm -rf $(VENV) build install log runs

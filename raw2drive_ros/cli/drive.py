@@ -1,0 +1,32 @@
+"""raw2drive drive: planner and safety gate on whatever vehicle is in the graph."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+EXAMPLES = """examples:
+  raw2drive drive                                   the shipped policy, wall-clock gate
+  raw2drive drive --bundle runs/bundle --lock-step  for a bridge in lock-step
+
+The gate's stop is latched; re-activate with the service /safety_gate/activate (std_srvs/Trigger)."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
+    parser.add_argument('--lock-step', action='store_true', help='measure silence by /clock instead of the wall')
+    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+
+
+def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.cli.single import run_single
+    from raw2drive_ros.driving.bundle import load_bundle
+    from raw2drive_ros.paths import default_bundle
+
+    bundle = (options.bundle or default_bundle()).resolve()
+    load_bundle(bundle)
+    nodes = {
+        'safety_gate': {'clock': 'ros' if options.lock_step else 'steady'},
+        'planner': {'bundle': str(bundle)},
+    }
+    return run_single(nodes, options.domain, sim_time=options.lock_step)

@@ -1,0 +1,54 @@
+"""raw2drive sim: the simulation bridge alone, or the list of scenarios, or a picture of one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+EXAMPLES = """examples:
+  raw2drive sim --list
+  raw2drive sim --scenario HardBreakRoute --seed 3 --picture scene.png
+  raw2drive sim --scenario LaneFollowing --real-time          (then, elsewhere: raw2drive drive)
+
+Services of the running bridge: /bridge/reset (std_srvs/Trigger; set the parameters scenario and seed
+first) and /bridge/pause (std_srvs/SetBool)."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--list', action='store_true', help='list scenario types and abilities')
+    parser.add_argument('--scenario', default='LaneFollowing')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--picture', type=Path, help='render cameras and BEV after some seconds and exit')
+    parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
+    parser.add_argument('--real-time', action='store_true', help='follow the wall clock instead of lock-step')
+    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+
+
+def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.simulation.camera_rig import SIZES
+    from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios
+
+    if options.list:
+        for name, scenario in load_scenarios().items():
+            print(f'{name:44s} {", ".join(scenario.abilities) or "-":30s} {scenario.description}')
+        return 0
+    get_scenario(options.scenario)
+    if options.size not in SIZES:
+        raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
+    height, width = SIZES[options.size]
+    if options.picture is not None:
+        from raw2drive_ros.report.scene import save_scene
+
+        print(save_scene(options.picture, options.scenario, options.seed, (height, width)))
+        return 0
+    from raw2drive_ros.cli.single import run_single
+
+    parameters = {
+        'scenario': options.scenario,
+        'seed': options.seed,
+        'lock_step': not options.real_time,
+        'image_height': height,
+        'image_width': width,
+    }
+    return run_single({'bridge': parameters}, options.domain, sim_time=False)

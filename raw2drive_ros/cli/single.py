@@ -1,0 +1,39 @@
+"""Run a few nodes in the foreground until Ctrl-C, SIGTERM, or the end of one of them."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from raw2drive_ros.cli.graph import GraphError, running_graph
+
+
+def run_single(nodes: dict[str, dict[str, Any]], domain: int, *, sim_time: bool = True) -> int:
+    """Start each node with its parameters, pass their log lines on, and end them all together."""
+    with tempfile.TemporaryDirectory(prefix='raw2drive_') as folder, running_graph(Path(folder), domain) as graph:
+        for name, parameters in nodes.items():
+            graph.start(name, parameters, sim_time=sim_time)
+        print(f'{", ".join(nodes)} running in ROS domain {domain}; Ctrl-C ends', file=sys.stderr)
+        offsets = dict.fromkeys(nodes, 0)
+        while True:
+            for name in nodes:
+                offsets[name] = _follow(Path(folder) / f'{name}.log', offsets[name])
+            done = [name for name in nodes if graph.ended(name)]
+            if done:
+                code = graph.processes[done[0]].returncode
+                if code:
+                    raise GraphError(f'{done[0]}: {graph.last_words(done[0])}')
+                return 0
+            time.sleep(0.2)
+
+
+def _follow(path: Path, offset: int) -> int:
+    with path.open(errors='replace') as file:
+        file.seek(offset)
+        text = file.read()
+        if text:
+            sys.stderr.write(text)
+        return file.tell()

@@ -1,0 +1,56 @@
+"""A bag's content in numbers: topics, rates, gaps, episodes, provenance."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+from msg_adapters.factory import RosbagsFactory
+from msg_adapters.privileged import transition_from_message
+from raw2drive_ros import topics
+from raw2drive_ros.recording.bag_reader import BagError, open_bag
+
+
+def bag_info(path: Path) -> dict[str, Any]:
+    """Reads every message's stamp once. Raises BagError."""
+    factory = RosbagsFactory()
+    stamps: dict[str, list[int]] = {}
+    episodes: list[str] = []
+    with open_bag(path) as reader:
+        types = {c.topic: c.msgtype for c in reader.connections}
+        try:
+            for connection, stamp, data in reader.messages():
+                stamps.setdefault(connection.topic, []).append(stamp)
+                if connection.topic == topics.TRANSITION:
+                    step, episode = transition_from_message(factory.deserialize(data, connection.msgtype))
+                    if step.is_first:
+                        episodes.append(episode)
+        except Exception as error:
+            raise BagError(f'{path}: damaged: {error}') from error
+        rows = []
+        for topic in sorted(types):
+            times = sorted(stamps.get(topic, []))
+            gaps = [b - a for a, b in itertools.pairwise(times)]
+            span = (times[-1] - times[0]) * 1e-9 if len(times) > 1 else 0.0
+            rows.append(
+                {
+                    'topic': topic,
+                    'type': types[topic],
+                    'messages': len(times),
+                    'rate_hz': (len(times) - 1) / span if span else 0.0,
+                    'largest_gap_s': max(gaps, default=0) * 1e-9,
+                }
+            )
+        everything = [t for times in stamps.values() for t in times]
+        duration = (max(everything) - min(everything)) * 1e-9 if everything else 0.0
+        custom = dict(reader.metadata.custom or {})
+    return {
+        'path': str(path),
+        'duration_s': duration,
+        'messages': len(everything),
+        'bytes': sum(f.stat().st_size for f in path.iterdir()),
+        'provenance': custom,
+        'topics': rows,
+        'episodes': episodes,
+    }

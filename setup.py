@@ -1,0 +1,74 @@
+"""Builds with pip and, as an ament_python package, with colcon."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'raw2drive_ros'
+SHARE = Path('share') / NAME
+
+
+def tree(folder: str) -> list[tuple[str, list[str]]]:
+    """data_files entries for every file below `folder`."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(Path(folder).rglob('*')):
+        if path.is_file():
+            found.setdefault(str(SHARE / path.parent), []).append(str(path))
+    return list(found.items())
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='End-to-end driving by dual-stream model-based reinforcement learning, as a ROS 2 stack.',
+    packages=find_packages(include=[f'{NAME}*', 'msg_adapters*']),
+    package_data={NAME: ['py.typed'], 'msg_adapters': ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (str(SHARE), ['package.xml']),
+        (str(SHARE / 'launch'), sorted(glob('launch/*.launch.py'))),
+        *tree('params'),
+    ],
+    python_requires='>=3.10',
+    install_requires=[
+        'av>=13',
+        'gymnasium>=1.0',
+        'highway-env>=1.12,<1.13',
+        'jinja2>=3.1',
+        'numpy>=1.26',
+        'opencv-python-headless>=4.9',
+        'pydantic>=2.7',
+        'pyyaml>=6',
+        'rich>=13',
+        'rosbags>=0.11,<0.12',
+        'safetensors>=0.5',
+        'setuptools',
+        'tensorboardX>=2.6',
+        'torch>=2.4',
+    ],
+    extras_require={
+        # On a machine with ROS 2 Jazzy installed, leave this extra out: rclpy comes from there.
+        'ros': [
+            'ros-jazzy-rclpy',
+            'ros-jazzy-common-interfaces',
+            'ros-jazzy-rmw-fastrtps-cpp',
+            'ros-jazzy-lifecycle-msgs',
+            'ros-jazzy-rosgraph-msgs',
+            'ros-jazzy-rcl-interfaces',
+        ],
+        'test': ['pytest>=8', 'hypothesis>=6', 'mypy>=1.10', 'ruff>=0.6', 'mcap>=1.2', 'types-PyYAML'],
+        'build': ['colcon-common-extensions'],
+    },
+    zip_safe=False,
+    entry_points={
+        'console_scripts': [
+            'raw2drive = raw2drive_ros.cli.main:main',
+            'bridge = raw2drive_ros.nodes.bridge:main',
+            'planner = raw2drive_ros.nodes.planner:main',
+            'safety_gate = raw2drive_ros.nodes.safety_gate:main',
+            'recorder = raw2drive_ros.nodes.recorder:main',
+            'player = raw2drive_ros.nodes.player:main',
+        ],
+    },
+)
