@@ -1,6 +1,5 @@
 """Builds with pip and, as an ament_python package, with colcon."""
 
-from glob import glob
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -27,7 +26,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (str(SHARE), ['package.xml']),
-        (str(SHARE / 'launch'), sorted(glob('launch/*.launch.py'))),
+        (str(SHARE / 'launch'), sorted(str(p) for p in Path('launch').glob('*.launch.py'))),
         *tree('params'),
     ],
     python_requires='>=3.10',

@@ -47,6 +47,7 @@ def run(options: argparse.Namespace) -> int:
     console.print(table)
     if info['episodes']:
         console.print(
-            f'{len(info["episodes"])} episodes: {", ".join(info["episodes"][:8])}{" ..." if len(info["episodes"]) > 8 else ""}'
+            f'{len(info["episodes"])} episodes: {", ".join(info["episodes"][:8])}'
+            + (' ...' if len(info['episodes']) > 8 else '')
         )
     return 0

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,7 +119,7 @@ def save_bundle(
     (partial / 'bundle.json').write_text(json.dumps(body, indent=2) + '\n')
     (partial / 'MODEL_CARD.md').write_text(_model_card(identity, config, facts))
     shutil.rmtree(path, ignore_errors=True)
-    os.replace(partial, path)
+    partial.replace(path)
     return identity
 
 

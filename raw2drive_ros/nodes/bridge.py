@@ -274,7 +274,7 @@ class BridgeNode(Node):
         target = Path(self.p['result_file'])
         partial = target.with_suffix('.partial')
         partial.write_text(json.dumps({'routes': self.results, 'timing': timing}))
-        os.replace(partial, target)
+        partial.replace(target)
 
 
 def _parse_episodes(text: str) -> list[tuple[str, int]]:

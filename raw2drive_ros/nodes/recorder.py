@@ -36,6 +36,7 @@ class RecorderNode(Node):
         self.p = p
         self.losses = LossCounter()
         self.failed = ''
+        self.clock_ns = 0
         try:
             self.bag = BagWriter(Path(p['bag']), json.loads(p['provenance']))
         except (BagExistsError, DiskFullError) as error:
@@ -49,8 +50,14 @@ class RecorderNode(Node):
                 return
             # After the 4-byte CDR header, every type of the table starts with its stamp.
             sec, nanosec = struct.unpack_from('<iI', data, 4)
+            stamp_ns = sec * 1_000_000_000 + nanosec
+            if topic == topics.CLOCK:
+                self.clock_ns = stamp_ns
+            elif topic == topics.DIAGNOSTICS and self.clock_ns:
+                # Nodes without simulated time stamp theirs by the wall; the bag has one time line.
+                stamp_ns = self.clock_ns
             try:
-                self.bag.write_raw(topic, sec * 1_000_000_000 + nanosec, data)
+                self.bag.write_raw(topic, stamp_ns, data)
             except DiskFullError as error:
                 self.failed = str(error)
                 self.get_logger().error(f'recording stopped: {error}')

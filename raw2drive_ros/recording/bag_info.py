@@ -6,6 +6,8 @@ import itertools
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import transition_from_message
 from raw2drive_ros import topics
@@ -44,7 +46,7 @@ def bag_info(path: Path) -> dict[str, Any]:
             )
         everything = [t for times in stamps.values() for t in times]
         duration = (max(everything) - min(everything)) * 1e-9 if everything else 0.0
-        custom = dict(reader.metadata.custom or {})
+        custom = _custom_data(path)
     return {
         'path': str(path),
         'duration_s': duration,
@@ -54,3 +56,9 @@ def bag_info(path: Path) -> dict[str, Any]:
         'topics': rows,
         'episodes': episodes,
     }
+
+
+def _custom_data(path: Path) -> dict[str, str]:
+    """The provenance that the writer put into metadata.yaml."""
+    loaded = yaml.safe_load((path / 'metadata.yaml').read_text())
+    return dict(loaded['rosbag2_bagfile_information'].get('custom_data') or {})

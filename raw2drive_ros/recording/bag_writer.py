@@ -6,7 +6,6 @@ half-written one. MCAP because a killed sqlite3 writer loses everything.
 
 from __future__ import annotations
 
-import os
 import platform
 import shutil
 import subprocess
@@ -143,7 +142,7 @@ class BagWriter:
     def close(self) -> Path:
         """Finish the bag and give it its name."""
         self.writer.close()
-        os.replace(self.partial, self.path)
+        self.partial.replace(self.path)
         return self.path
 
     def abort(self) -> None:

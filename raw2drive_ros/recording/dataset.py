@@ -100,7 +100,7 @@ def _build(path: Path, folder: Path, codec: MaskCodec, *, cameras: bool) -> None
                 raise BagError(f'{path}: holds no complete tick')
             (partial / 'episodes.json').write_text(json.dumps(episodes))
             shutil.rmtree(folder, ignore_errors=True)
-            os.replace(partial, folder)
+            partial.replace(folder)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 

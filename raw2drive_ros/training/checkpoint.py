@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -53,7 +52,7 @@ def save_checkpoint(folder: Path, trainer: Trainer, replay: Replay, extra: dict[
     } | extra
     (partial / 'state.json').write_text(json.dumps(state))
     shutil.rmtree(target, ignore_errors=True)
-    os.replace(partial, target)
+    partial.replace(target)
     for old in sorted(p for p in folder.iterdir() if p.name.isdigit())[:-KEEP]:
         shutil.rmtree(old)
     return target

@@ -39,7 +39,7 @@ def pedestrian_dart_out(rng: Rng) -> Scene:
     where = float(rng.uniform(60, 100))
     side = -1.0
     van = StandingSpec('parked_van', where - 5.0, side * (LANE_WIDTH_M / 2 + 1.3))
-    walker = WalkerSpec(where, side * 4.5, 6.0, float(rng.uniform(1.2, 2.2)), trigger_m=float(rng.uniform(18, 26)))
+    walker = WalkerSpec(where, side * 4.5, 18.0, float(rng.uniform(1.2, 2.2)), trigger_m=float(rng.uniform(18, 26)))
     layout = RoadLayout((Straight(150),), 1, 1, float(rng.uniform(8, 11)), shoulder_m=3.0)
     return Scene(layout, RouteSpec(start_speed_mps=5.0), (van, walker))
 
@@ -97,7 +97,7 @@ def pedestrian_crossing(rng: Rng) -> Scene:
     walkers = []
     for i in range(int(rng.integers(1, 4))):
         side = float(rng.choice((-1, 1)))
-        start, goal = (-3.5, 7.5) if side < 0 else (7.5, -3.5)
+        start, goal = (-3.5, 20.0) if side < 0 else (7.5, -16.0)
         walkers.append(
             WalkerSpec(where + 0.9 * (i - 1), start, goal, float(rng.uniform(1.0, 1.6)), float(rng.uniform(22, 34)))
         )

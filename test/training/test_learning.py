@@ -1,0 +1,150 @@
+"""Both stages learn one batch by heart, resume exactly, and leave the teacher alone."""
+
+import copy
+
+import pytest
+import torch
+
+from raw2drive_ros.recording.bag_reader import find_bags
+from raw2drive_ros.recording.dataset import load_bags, rig_of
+from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.training.checkpoint import CheckpointError, newest_checkpoint
+from raw2drive_ros.training.config import make_config
+from raw2drive_ros.training.imagination import imagine
+from raw2drive_ros.training.privileged import PrivilegedTrainer
+from raw2drive_ros.training.raw import RawTrainer
+from raw2drive_ros.training.replay import Replay
+from raw2drive_ros.training.run import load_teacher, train
+from raw2drive_ros.world_model.config import ConfigError
+from raw2drive_ros.world_model.rssm import State
+
+NANO = {'threads': 1, 'log_every': 5, 'picture_every': 100, 'checkpoint_every': 5}
+
+
+@pytest.fixture(scope='module')
+def replay(workspace, bags) -> Replay:
+    config = make_config('nano')
+    loaded = load_bags(find_bags([bags]), workspace / 'cache', config.model, cameras=True)
+    return Replay(loaded, MaskCodec(config.model), 6, 0.3, 0)
+
+
+def test_stage_1_overfits_one_batch(replay) -> None:
+    trainer = PrivilegedTrainer(make_config('nano', {'warmup': 10, 'policy_after': 10_000}))
+    batch = replay.sample(2)
+    first = {k: float(v.mean()) for k, v in trainer.model_losses(batch)[0].items()}
+    for _ in range(250):
+        trainer.step(batch)
+    last = {k: float(v.mean()) for k, v in trainer.model_losses(batch)[0].items()}
+    assert last['masks'] < 0.1 * first['masks']
+    assert last['reward'] < 0.5 * first['reward']
+    assert last['dyn'] >= 1.0, 'free nats are the floor'
+
+
+def test_stage_2_overfits_one_batch_and_aligns_every_state(replay, teacher_run, bag) -> None:
+    teacher = load_teacher(teacher_run)
+    config = make_config('nano', {'warmup': 10, 'policy_after': 10_000})
+    trainer = RawTrainer(config, teacher, rig_of(bag), 100)
+    batch = replay.sample(2, images=True)
+    first = {k: float(v.mean()) for k, v in trainer.model_losses(batch)[0].items()}
+    for _ in range(200):
+        trainer.step(batch)
+    last = {k: float(v.mean()) for k, v in trainer.model_losses(batch)[0].items()}
+    assert last['masks'] < 0.3 * first['masks']
+    assert last['align_encoder'] < 0.3 * first['align_encoder']
+    assert last['align_stoch'] < 0.5 * first['align_stoch']
+
+
+def test_stage_2_never_changes_the_teacher(replay, teacher_run, bag) -> None:
+    teacher = load_teacher(teacher_run)
+    before = copy.deepcopy(teacher.model.state_dict()) | copy.deepcopy(teacher.policy.state_dict())
+    trainer = RawTrainer(make_config('nano'), teacher, rig_of(bag), 100)
+    for _ in range(3):
+        trainer.step(replay.sample(2, images=True))
+    after = teacher.model.state_dict() | teacher.policy.state_dict()
+    assert all(torch.equal(before[k], after[k]) for k in before)
+    assert all(p.grad is None for p in teacher.model.parameters())
+
+
+def test_the_raw_stream_starts_as_the_privileged_one(replay, teacher_run, bag) -> None:
+    teacher = load_teacher(teacher_run)
+    trainer = RawTrainer(make_config('nano'), teacher, rig_of(bag), 100)
+    for ours, theirs in (
+        (trainer.model.rssm, teacher.model.rssm),
+        (trainer.model.decoder, teacher.model.decoder),
+        (trainer.policy.actor, teacher.policy.actor),
+    ):
+        assert all(torch.equal(a, b) for a, b in zip(ours.parameters(), theirs.parameters(), strict=True))
+    assert trainer.model.reward is None and trainer.model.cont is None
+
+
+def test_head_guidance_reads_the_privileged_features(replay, teacher_run, bag) -> None:
+    """With equal weights and one shared sample both rollouts are equal; own deter states make them differ."""
+    teacher = load_teacher(teacher_run)
+    trainer = RawTrainer(make_config('nano'), teacher, rig_of(bag), 100)
+    deter = torch.randn(4, trainer.config.model.deter)
+    start = State(deter, torch.zeros(4, trainer.config.model.stoch_size))
+    arguments = (trainer.model.rssm, trainer.policy.actor, start, teacher.model.reward, teacher.model.cont, 3)
+    same = imagine(*arguments, torch.Generator().manual_seed(1), (teacher.model.rssm, deter))
+    assert torch.equal(same.features, same.teacher)
+    other = imagine(*arguments, torch.Generator().manual_seed(1), (teacher.model.rssm, deter + 1.0))
+    assert torch.equal(same.features, other.features)
+    assert not torch.equal(same.teacher, other.teacher)
+    assert torch.equal(same.features[..., trainer.config.model.deter :], other.teacher[..., trainer.config.model.deter :])
+
+
+@pytest.mark.parametrize(
+    'overrides',
+    [
+        {'sample_source': 'privileged'},
+        {'sample_source': 'independent'},
+        {'share': 'tied'},
+        {'share': 'none'},
+        {'raw_heads': ('reward', 'continue'), 'head_guidance': False},
+        {'align_space': False, 'align_time': False},
+        {'policy_init': 'fresh'},
+        {'policy_init': 'frozen'},
+        {'weight_stoch': 0.0},
+    ],
+)
+def test_every_ablation_takes_a_step(replay, teacher_run, bag, overrides) -> None:
+    trainer = RawTrainer(make_config('nano', overrides), load_teacher(teacher_run), rig_of(bag), 10)
+    metrics = trainer.step(replay.sample(2, images=True))
+    assert all(value == value for value in metrics.values())
+
+
+def test_a_killed_run_resumes_to_the_same_weights(workspace, bags, tmp_path) -> None:
+    whole = train('privileged', tmp_path / 'whole', [bags], workspace / 'cache', 10, 'nano', NANO)
+    train('privileged', tmp_path / 'parts', [bags], workspace / 'cache', 5, 'nano', NANO)
+    parts = train('privileged', tmp_path / 'parts', [bags], workspace / 'cache', 10, 'nano', NANO)
+    for name, module in whole.modules().items():
+        other = parts.modules()[name].state_dict()
+        for key, value in module.state_dict().items():
+            assert torch.equal(value, other[key]), f'{name}/{key}'
+    steps = [line.split(',')[0] for line in (tmp_path / 'parts' / 'metrics.jsonl').read_text().splitlines()]
+    assert steps == ['{"step": 5', '{"step": 10']
+
+
+def test_a_run_folder_holds_config_metrics_pictures_checkpoint(teacher_run) -> None:
+    assert (teacher_run / 'config.json').is_file()
+    assert (teacher_run / 'metrics.jsonl').is_file()
+    assert list((teacher_run / 'pictures').glob('*.png'))
+    assert list((teacher_run / 'tensorboard').iterdir())
+    assert newest_checkpoint(teacher_run / 'checkpoints').name == '00000010'
+
+
+def test_stage_2_without_a_teacher_is_a_clear_error(workspace, bags, tmp_path) -> None:
+    with pytest.raises(CheckpointError, match='not a training run'):
+        train('raw', tmp_path / 'run', [bags], workspace / 'cache', 1, 'nano', NANO, tmp_path / 'nowhere')
+
+
+def test_wrong_field_is_named() -> None:
+    with pytest.raises(ConfigError, match='learning_rate'):
+        make_config('nano', {'learning_rate': 1})
+    with pytest.raises(ConfigError, match='known: laptop, nano, paper'):
+        make_config('huge')
+
+
+def test_paper_preset_is_valid_and_keeps_43_classes() -> None:
+    config = make_config('paper').model
+    assert len(config.mask_classes) == 43
+    assert (config.deter, config.stoch, config.grid) == (6144, 32, 16)
