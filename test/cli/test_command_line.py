@@ -1,0 +1,73 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from raw2drive_ros.cli.main import VERBS, main
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run_cli(*arguments: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, '-m', 'raw2drive_ros.cli.main', *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=180)
+
+
+@pytest.mark.parametrize('verb', VERBS)
+def test_every_verb_has_help_with_examples(verb, capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main([verb, '--help'])
+    assert stop.value.code == 0
+    assert 'examples:' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'message'),
+    [
+        (['evaluate', '--driver', 'rule', '--routes', 'nowhere'], 2, 'unknown routes'),
+        (['evaluate', '--driver', 'nobody'], 2, 'unknown driver'),
+        (['evaluate', '--driver', 'raw', '--bundle', 'no/such'], 1, 'no policy bundle there'),
+        (['bag', 'info', 'no/such'], 1, 'no such bag'),
+        (['train', 'raw', '--bags', 'x', '--run', 'y'], 2, 'needs --teacher'),
+        (['train', 'privileged', '--bags', 'no/such', '--run', 'runs/never'], 1, 'no such file'),
+        (['demo', '--bundle', 'no/such', '--out', 'runs/never'], 1, 'no policy bundle there'),
+        (['sim', '--scenario', 'Nope'], 2, 'unknown scenario'),
+        (['sim', '--size', '1x1'], 2, 'use one of'),
+        (['replay', 'no/such'], 1, 'no such bag'),
+    ],
+)
+def test_bad_input_is_one_line_and_an_exit_code(arguments, code, message, capsys) -> None:
+    assert main(arguments) == code
+    error = capsys.readouterr().err.strip()
+    assert message in error
+    assert len(error.splitlines()) == 1
+    assert not (ROOT / 'runs' / 'never').exists()
+
+
+def test_evaluate_prints_the_machine_form() -> None:
+    result = run_cli('evaluate', '--driver', 'straight', '--routes', 'lane-following', '--seeds', '2', '--json')
+    assert result.returncode == 0, result.stderr
+    body = json.loads(result.stdout)
+    assert body['driver'] == 'straight'
+    assert len(body['routes']) == 2
+
+
+def test_collect_train_and_resume_from_the_command_line(tmp_path) -> None:
+    bags, run = tmp_path / 'bags', tmp_path / 'run'
+    assert run_cli('collect', '--ticks', '60', '--no-cameras', '--out', str(bags)).returncode == 0
+    arguments = ('train', 'privileged', '--preset', 'nano', '--bags', str(bags), '--run', str(run))
+    cache = ('--cache', str(tmp_path / 'cache'))
+    first = run_cli(*arguments, *cache, '--steps', '2', '--set', 'threads=1')
+    assert first.returncode == 0, first.stderr
+    again = run_cli(*arguments, *cache, '--steps', '3')
+    assert '3 steps' in again.stdout, again.stderr
+
+
+def test_doctor_reports_transport_and_versions() -> None:
+    result = run_cli('doctor', '--json', '--quick')
+    body = json.loads(result.stdout)
+    assert result.returncode == 0, result.stdout
+    assert body['transport']['shipped_profile_in_force'] is True
+    assert {'torch', 'rclpy', 'numpy', 'highway-env', 'rosbags'} <= set(body['versions'])

@@ -1,0 +1,119 @@
+"""The real graph: separate processes, DDS, MCAP. Small drives with the nano policy."""
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from raw2drive_ros.cli.demo import drive_graph
+from raw2drive_ros.cli.graph import DomainBusyError, GraphError, reserve_domain, running_graph
+from raw2drive_ros.evaluation.drivers import make_driver
+from raw2drive_ros.evaluation.episode import drive_route
+from raw2drive_ros.evaluation.verify import recorded_proposals, verify_bag
+from raw2drive_ros.recording.bag_info import bag_info
+from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope='module')
+def driven(bundle, tmp_path_factory):
+    """Two short routes through the graph in lock-step."""
+    out = tmp_path_factory.mktemp('graph')
+    options = argparse.Namespace(out=out, routes='LaneFollowing/4,VanillaSignalizedTurnEncounterRedLight/1', real_time=False)
+    with reserve_domain(None) as domain:
+        return out, drive_graph(options, bundle, domain)
+
+
+def test_graph_and_in_process_evaluation_give_the_same_commands_bit_for_bit(driven, bundle) -> None:
+    out, result = driven
+    proposals = list(recorded_proposals(out / 'bag').values())
+    driver = make_driver('raw', bundle)
+    env = DrivingEnv(SimulationConfig(end_on_infraction=False))
+    expected, rows = [], []
+    for scenario, seed in (('LaneFollowing', 4), ('VanillaSignalizedTurnEncounterRedLight', 1)):
+        drive = drive_route(env, driver, scenario, seed)
+        # The graph decides on the last frame of an episode too; nobody drives by that decision.
+        expected.append(drive.controls)
+        rows.append(drive.result.to_json())
+    first = len(expected[0])
+    assert proposals[:first] == expected[0]
+    assert proposals[first + 1 : first + 1 + len(expected[1])] == expected[1]
+    assert result['routes'] == rows
+
+
+def test_nothing_is_lost_and_figures_are_there(driven) -> None:
+    _, result = driven
+    assert result['timing']['messages_lost'] == 0
+    assert result['timing']['commands_missed'] == 0
+    assert result['timing']['planner_ms']['p50'] > 0
+    assert result['timing']['ticks_per_s'] > 0
+
+
+def test_the_bag_is_whole_and_replays_to_the_same_decisions(driven, bundle) -> None:
+    out, _ = driven
+    info = bag_info(out / 'bag')
+    counts = {row['topic']: row['messages'] for row in info['topics']}
+    assert counts['/sensing/camera/front/image_raw'] == counts['/privileged/bev'] == counts['/control/proposed']
+    assert len(info['episodes']) == 2
+    verification = verify_bag(out / 'bag', bundle)
+    assert verification.equal, verification.text
+    assert verification.compared == counts['/control/proposed']
+
+
+def test_two_graphs_cannot_share_a_domain() -> None:
+    with reserve_domain(91), pytest.raises(DomainBusyError, match='choose another with --domain'), reserve_domain(91):
+        pass
+
+
+def test_a_planner_with_the_wrong_camera_size_refuses_and_the_graph_says_so(bundle, tmp_path) -> None:
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        graph.start('safety_gate', {'clock': 'ros'})
+        graph.start('planner', {'bundle': str(bundle)})
+        graph.start(
+            'bridge',
+            {'episodes': 'LaneFollowing/0', 'image_height': 64, 'image_width': 96, 'max_ticks': 1},
+            sim_time=False,
+        )
+        deadline = time.monotonic() + 40
+        while not graph.ended('bridge') and time.monotonic() < deadline:
+            time.sleep(0.2)
+        log = (tmp_path / 'planner.log').read_text()
+    assert 'is 64x96, the bundle needs 96x160' in log
+
+
+def test_a_missing_bundle_ends_the_planner_with_one_clear_line(tmp_path) -> None:
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        graph.start('planner', {'bundle': str(tmp_path / 'nowhere')})
+        graph.processes['planner'].wait(30)
+        assert graph.processes['planner'].returncode == 1
+        with pytest.raises(GraphError, match='no policy bundle there'):
+            graph.check()
+
+
+@pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_the_demo_quickly_without_orphans_and_with_a_closed_bag(bundle, tmp_path, number, code) -> None:
+    out = tmp_path / 'demo'
+    command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'demo', '--bundle', str(bundle), '--out', str(out)]
+    process = subprocess.Popen(
+        command, cwd=ROOT, stderr=subprocess.PIPE, start_new_session=True, env=os.environ | {'PYTHONUNBUFFERED': '1'}
+    )
+    progress = out / 'progress.jsonl'
+    deadline = time.monotonic() + 60
+    while not progress.exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    started = time.monotonic()
+    process.send_signal(number)
+    process.wait(20)
+    assert time.monotonic() - started < 6.0
+    assert process.returncode == code
+    listing = subprocess.run(['ps', '-eo', 'args'], capture_output=True, text=True, check=True).stdout
+    assert str(out) not in listing
+    assert bag_info(out / 'bag')['messages'] > 0
+    assert json.loads((out / 'recorder.json').read_text())['messages_lost'] == 0
