@@ -73,7 +73,7 @@ def test_the_planner_process_cannot_import_privileged_code(module) -> None:
 def test_the_planner_process_starts_clean() -> None:
     code = (
         'import sys, raw2drive_ros.nodes.planner as p; from raw2drive_ros.driving.isolation import FORBIDDEN; '
-        "raise SystemExit(', '.join(m for m in sys.modules if m.startswith(FORBIDDEN)))"
+        "raise SystemExit(', '.join(m for m in sys.modules if m.startswith(FORBIDDEN)) or 0)"
     )
     result = run_python(code)
     assert result.returncode == 0, result.stderr[-600:]

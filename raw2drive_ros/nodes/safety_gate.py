@@ -64,6 +64,9 @@ class SafetyGateNode(Node):
     def _on_timer(self) -> None:
         # While driving, proposals themselves set the pace; the timer only looks for silence.
         control = self.gate.tick(self._now_s())
+        if self.gate.state is GateState.WAITING and not self.steady:
+            # In lock-step the vehicle waits for the answer to its tick; "not yet" must not pass for one.
+            return
         if self.gate.state is not GateState.DRIVING:
             stamp_ns = self.get_clock().now().nanoseconds
             self._publish(control, Decision(stamp_ns, control))
