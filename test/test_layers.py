@@ -31,7 +31,10 @@ def run_python(code: str) -> subprocess.CompletedProcess:
     ('packages', 'blocked'),
     [
         (
-            [f'raw2drive_ros.{n}' for n in ('simulation', 'world_model', 'driving', 'training', 'evaluation', 'recording')],
+            [
+                f'raw2drive_ros.{n}'
+                for n in ('simulation', 'world_model', 'driving', 'training', 'evaluation', 'recording')
+            ],
             ['rclpy'],
         ),
         (['msg_adapters'], ['rclpy', 'torch', 'highway_env']),

@@ -6,6 +6,7 @@ import argparse
 import json
 import shutil
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +44,9 @@ def run(options: argparse.Namespace) -> int:
         get_scenario(part.partition('/')[0].strip())
     require_space(options.out)
     _clear(options.out)
+    job = GraphJob(options.out, options.routes, options.real_time)
     with reserve_domain(options.domain) as domain:
-        result = drive_graph(options, bundle.resolve(), domain)
+        result = drive_graph(job, bundle.resolve(), domain)
     made = {'result': options.out / 'result.json', 'bag': options.out / 'bag'}
     if not options.no_video:
         made |= _pictures(options.out, bundle, result)
@@ -75,47 +77,50 @@ def _clear(out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
 
 
-def drive_graph(options: argparse.Namespace, bundle: Path, domain: int) -> dict[str, Any]:
-    """Start bridge, gate, planner and recorder, wait for the bridge to finish, end them; the result."""
+@dataclass(frozen=True, slots=True)
+class GraphJob:
+    """out: folder for everything. routes: comma list of scenario/seed. max_ticks: cut each route, 0 = never."""
+
+    out: Path
+    routes: str
+    real_time: bool = False
+    image_size: tuple[int, int] = (96, 160)
+    max_ticks: int = 0
+
+
+def drive_graph(job: GraphJob, bundle: Path, domain: int) -> dict[str, Any]:
+    """Start recorder, gate, planner and bridge, wait for the bridge to finish, end them; the result."""
     from raw2drive_ros.cli.graph import running_graph
     from raw2drive_ros.evaluation.metrics import RouteResult, summarise
     from raw2drive_ros.evaluation.routes import SUITE_VERSION
 
-    out: Path = options.out
-    count = len(options.routes.split(','))
+    out = job.out
+    provenance = json.dumps({'driver': 'raw', 'bundle': bundle.name, 'routes': job.routes})
     with running_graph(out / 'logs', domain) as graph:
-        graph.start(
-            'recorder',
-            {
-                'bag': str(out / 'bag'),
-                'provenance': json.dumps({'driver': 'raw', 'bundle': str(bundle.name), 'routes': options.routes}),
-                'stats_file': str(out / 'recorder.json'),
-            },
-        )
-        graph.start('safety_gate', {'clock': 'steady' if options.real_time else 'ros'})
+        recorder = {'bag': str(out / 'bag'), 'provenance': provenance, 'stats_file': str(out / 'recorder.json')}
+        graph.start('recorder', recorder)
+        graph.start('safety_gate', {'clock': 'steady' if job.real_time else 'ros'})
         graph.start('planner', {'bundle': str(bundle), 'stats_file': str(out / 'planner.json')})
-        graph.start(
-            'bridge',
-            {
-                'episodes': options.routes,
-                'lock_step': not options.real_time,
-                'wait_for_image_subscribers': 2,
-                'result_file': str(out / 'bridge.json'),
-                'progress_file': str(out / 'progress.jsonl'),
-            },
-            sim_time=False,
-        )
-        _wait(graph, out, count)
+        bridge = {
+            'episodes': job.routes,
+            'lock_step': not job.real_time,
+            'image_height': job.image_size[0],
+            'image_width': job.image_size[1],
+            'max_ticks': job.max_ticks,
+            'wait_for_image_subscribers': 2,
+            'result_file': str(out / 'bridge.json'),
+            'progress_file': str(out / 'progress.jsonl'),
+        }
+        graph.start('bridge', bridge, sim_time=False)
+        _wait(graph, out, len(job.routes.split(',')))
         # The planner and the recorder first write their figures, then the rest may go.
         graph.end(order=('planner', 'recorder'))
-    bridge = json.loads((out / 'bridge.json').read_text())
-    planner = json.loads((out / 'planner.json').read_text())
-    recorder = json.loads((out / 'recorder.json').read_text())
-    timing = bridge['timing']
+    driven, planner, recorded = (json.loads((out / f'{n}.json').read_text()) for n in ('bridge', 'planner', 'recorder'))
+    timing = driven['timing']
     timing['planner_ms'] = planner['planner_ms']
-    timing['messages_lost'] += planner['messages_lost'] + recorder['messages_lost']
-    routes = [RouteResult(**row) for row in bridge['routes']]
-    return summarise('raw', options.routes, SUITE_VERSION, routes, timing)
+    timing['messages_lost'] += planner['messages_lost'] + recorded['messages_lost']
+    routes = [RouteResult(**row) for row in driven['routes']]
+    return summarise('raw', job.routes, SUITE_VERSION, routes, timing)
 
 
 def _wait(graph: Any, out: Path, count: int) -> None:

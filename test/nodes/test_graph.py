@@ -1,6 +1,5 @@
 """The real graph: separate processes, DDS, MCAP. Small drives with the nano policy."""
 
-import argparse
 import json
 import os
 import signal
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from raw2drive_ros.cli.demo import drive_graph
+from raw2drive_ros.cli.demo import GraphJob, drive_graph
 from raw2drive_ros.cli.graph import DomainBusyError, GraphError, reserve_domain, running_graph
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
@@ -26,9 +25,9 @@ ROOT = Path(__file__).resolve().parents[2]
 def driven(bundle, tmp_path_factory):
     """Two short routes through the graph in lock-step."""
     out = tmp_path_factory.mktemp('graph')
-    options = argparse.Namespace(out=out, routes='LaneFollowing/4,VanillaSignalizedTurnEncounterRedLight/1', real_time=False)
+    job = GraphJob(out, 'LaneFollowing/4,VanillaSignalizedTurnEncounterRedLight/1')
     with reserve_domain(None) as domain:
-        return out, drive_graph(options, bundle, domain)
+        return out, drive_graph(job, bundle, domain)
 
 
 def test_graph_and_in_process_evaluation_give_the_same_commands_bit_for_bit(driven, bundle) -> None:

@@ -26,7 +26,9 @@ def test_same_seed_gives_the_same_episode_to_the_bit() -> None:
         found = []
         for action in (15, 15, 5, 12, 0, 26):
             tick, reward, *_ = env.step(ACTIONS[action])
-            found.append((tick.sensors.images['front'].tobytes(), tick.privileged.bev.tobytes(), reward, tick.imu_samples))
+            found.append(
+                (tick.sensors.images['front'].tobytes(), tick.privileged.bev.tobytes(), reward, tick.imu_samples)
+            )
         episodes.append(found)
     assert episodes[0] == episodes[1]
 

@@ -89,7 +89,9 @@ def test_head_guidance_reads_the_privileged_features(replay, teacher_run, bag) -
     other = imagine(*arguments, torch.Generator().manual_seed(1), (teacher.model.rssm, deter + 1.0))
     assert torch.equal(same.features, other.features)
     assert not torch.equal(same.teacher, other.teacher)
-    assert torch.equal(same.features[..., trainer.config.model.deter :], other.teacher[..., trainer.config.model.deter :])
+    assert torch.equal(
+        same.features[..., trainer.config.model.deter :], other.teacher[..., trainer.config.model.deter :]
+    )
 
 
 @pytest.mark.parametrize(

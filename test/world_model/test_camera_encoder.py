@@ -26,7 +26,7 @@ def test_lifting_samples_the_pixel_that_calibration_names() -> None:
     np.add.at(sums_u, rows, weights * u_of)
     np.add.at(sums_v, rows, weights * v_of)
     np.add.at(total, rows, weights)
-    cell = next(i for i in range(1024) if 0.99 < total[i] and abs(sums_v[i] - round(sums_v[i])) > 0.05)
+    cell = next(i for i in range(1024) if total[i] > 0.99 and abs(sums_v[i] - round(sums_v[i])) > 0.05)
     x, y = cell_centres_m(32).reshape(-1, 2)[cell]
     focal = front[0].intrinsics[0, 0]
     u = (80.0 - focal * y / (x - 0.8)) / 8 - 0.5

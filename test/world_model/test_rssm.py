@@ -23,7 +23,14 @@ def pair_of(source: str, length: int = 40):
     first[:, 0] = True
     first[1, 7] = True
     uniform = torch.rand(3, length, CONFIG.stoch)
-    return observe_pair(raw, privileged, embed, embed, actions, first, uniform, source), raw, embed, actions, first, uniform
+    return (
+        observe_pair(raw, privileged, embed, embed, actions, first, uniform, source),
+        raw,
+        embed,
+        actions,
+        first,
+        uniform,
+    )
 
 
 def test_equal_weights_and_one_shared_sample_give_bit_equal_states() -> None:

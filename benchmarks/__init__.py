@@ -1,0 +1,1 @@
+"""Measured figures; each script prints what docs/performance.md quotes."""
