@@ -59,7 +59,8 @@ def test_rclpy_is_imported_only_by_nodes() -> None:
 
 def test_the_safety_gate_process_needs_no_torch() -> None:
     result = run_python(
-        "import sys, raw2drive_ros.nodes.safety_gate; raise SystemExit('torch' in sys.modules or 'highway_env' in sys.modules)"
+        'import sys, raw2drive_ros.nodes.safety_gate\n'
+        "raise SystemExit('torch' in sys.modules or 'highway_env' in sys.modules)"
     )
     assert result.returncode == 0, result.stderr[-600:]
 
@@ -96,7 +97,10 @@ node.create_subscription(CompressedImage, '/privileged/bev', print, 1)
 
 
 def test_help_does_not_import_torch() -> None:
-    code = "import sys; from raw2drive_ros.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass\nraise SystemExit('torch' in sys.modules)"
+    code = (
+        'import sys; from raw2drive_ros.cli.main import main\n'
+        "try: main(['--help'])\nexcept SystemExit: pass\nraise SystemExit('torch' in sys.modules)"
+    )
     assert run_python(code).returncode == 0
 
 

@@ -18,6 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw')
     parser.add_argument('--routes', default='lane-following', help='scenario types, comma separated, or all')
     parser.add_argument('--ticks', type=int, default=20_000, help='decision ticks to write (10 per second)')
+    parser.add_argument('--episode-ticks', type=int, default=400, help='cut every episode after so many ticks')
     parser.add_argument('--noise', type=float, default=0.0, help='chance per tick of a burst of random actions')
     parser.add_argument('--seed', type=int, default=0, help='another number draws other training routes')
     parser.add_argument('--no-cameras', action='store_true', help='leave the images out (stage 1 does not need them)')
@@ -37,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     torch.set_num_threads(1)
     scenarios = tuple(name for name, _ in routes_of(options.routes, 1))
     driver = make_driver(options.driver, options.bundle, options.training_run, options.noise)
-    config = CollectConfig(scenarios, options.ticks, options.seed, not options.no_cameras)
+    config = CollectConfig(scenarios, options.ticks, options.seed, not options.no_cameras, options.episode_ticks)
     facts = {'driver': options.driver, 'noise': str(options.noise)}
     bags = set()
     with bar('collecting', options.ticks, 'ticks') as advance:

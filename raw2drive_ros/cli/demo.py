@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _clear(out: Path) -> None:
     """Remove what an earlier demo made, and nothing else."""
-    for name in ('bag', 'bag.partial', 'logs'):
+    for name in ('bag', '.bag.partial', 'logs'):
         shutil.rmtree(out / name, ignore_errors=True)
     for name in (
         'result.json',

@@ -9,7 +9,7 @@ from typing import Any
 EXAMPLES = """examples:
   raw2drive train privileged --bags runs/bags --run runs/stage1 --steps 6000
   raw2drive train raw --bags runs/bags --run runs/stage2 --teacher runs/stage1 --steps 3000 --export runs/bundle
-  raw2drive train privileged --preset nano --steps 20 --bags bags/sample --run /tmp/try    (seconds)
+  raw2drive train privileged --preset nano --steps 20 --bags bags --run runs/try    (seconds)
   raw2drive train raw ... --set weight_stoch=0    (an ablation: no stochastic alignment)
 
 Called again with the same --run it goes on where it stopped, also after a kill."""

@@ -1,6 +1,6 @@
 """MCAP bags: atomic appearance, provenance, disk-space guard.
 
-A bag is written under `<name>.partial` and renamed when closed, so a folder of bags never holds a
+A bag is written inside `.<name>.partial/` and moved out when closed, so a folder of bags never holds a
 half-written one. MCAP because a killed sqlite3 writer loses everything.
 """
 
@@ -86,13 +86,15 @@ class BagWriter:
 
     def __init__(self, path: Path, provenance: dict[str, str] | None = None, *, compress: bool = True) -> None:
         self.path = path
-        self.partial = path.with_name(path.name + '.partial')
+        self.root = path.with_name(f'.{path.name}.partial')
+        # The same last name: rosbag2 names the file inside after its folder.
+        self.partial = self.root / path.name
         if path.exists():
             raise BagExistsError(f'{path} exists already; choose another name or remove it')
         require_space(path.parent)
-        if self.partial.exists():
-            shutil.rmtree(self.partial)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if self.root.exists():
+            shutil.rmtree(self.root)
+        self.root.mkdir(parents=True)
         self.factory = RosbagsFactory()
         self.writer = Writer(self.partial, version=9, storage_plugin=StoragePlugin.MCAP)
         if compress:
@@ -143,8 +145,9 @@ class BagWriter:
         """Finish the bag and give it its name."""
         self.writer.close()
         self.partial.replace(self.path)
+        self.root.rmdir()
         return self.path
 
     def abort(self) -> None:
-        """Close what was written so that it can be read, and leave it under the name `.partial`."""
+        """Close what was written so that it can be read, and leave it inside `.<name>.partial/`."""
         self.writer.close()

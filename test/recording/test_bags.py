@@ -63,7 +63,7 @@ def test_a_truncated_bag_is_a_clear_error(bag, tmp_path) -> None:
 def test_an_unclosed_bag_is_a_clear_error(bag, tmp_path) -> None:
     shutil.copytree(bag, tmp_path / 'open')
     (tmp_path / 'open' / 'metadata.yaml').unlink()
-    with pytest.raises(BagError, match='no metadata.yaml'), open_bag(tmp_path / 'open'):
+    with pytest.raises(BagError, match=r'no metadata\.yaml'), open_bag(tmp_path / 'open'):
         pass
 
 

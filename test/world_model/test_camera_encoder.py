@@ -20,7 +20,7 @@ def test_lifting_samples_the_pixel_that_calibration_names() -> None:
     rig = camera_rig()
     front = rig[:1]
     rows, columns, weights = lifting_entries(front, 32, 0.0)
-    height, width = front[0].height // 8, front[0].width // 8
+    width = front[0].width // 8
     u_of, v_of = columns % width, columns // width
     sums_u, sums_v, total = np.zeros(1024), np.zeros(1024), np.zeros(1024)
     np.add.at(sums_u, rows, weights * u_of)
