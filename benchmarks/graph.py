@@ -16,10 +16,10 @@ from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.cli.demo import GraphJob, drive_graph
 from raw2drive_ros.cli.graph import reserve_domain
 from raw2drive_ros.driving.bundle import EGO_SIZE, save_bundle
-from raw2drive_ros.driving.preprocessing import VECTOR_SIZE
 from raw2drive_ros.paths import default_bundle
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.training.config import make_config
+from raw2drive_ros.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.streams import RawWorldModel
 

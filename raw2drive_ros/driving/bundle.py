@@ -22,7 +22,8 @@ from torch import Tensor
 from raw2drive_ros import __version__
 from raw2drive_ros.actions import ACTION_COUNT, table_hash
 from raw2drive_ros.contract import CameraCalibration, ContractError
-from raw2drive_ros.driving.preprocessing import CHECKPOINT_SCALE_M, REACHED_AHEAD_M, VECTOR_FIELDS
+from raw2drive_ros.driving.preprocessing import REACHED_AHEAD_M
+from raw2drive_ros.vector_layout import CHECKPOINT_SCALE_M, VECTOR_FIELDS
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.streams import RawWorldModel

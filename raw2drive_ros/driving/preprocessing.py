@@ -9,19 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raw2drive_ros.contract import ImuSample, OdometrySample, Route
+from raw2drive_ros.vector_layout import CHECKPOINT_SCALE_M, CHECKPOINTS_AHEAD
 
-CHECKPOINTS_AHEAD = 3
-CHECKPOINT_SCALE_M = 25.0
 REACHED_AHEAD_M = 4.0
-GRAVITY_MPS2 = 9.81
-VECTOR_FIELDS = (
-    'speed_mps',
-    'yaw_rate_radps',
-    'specific_force_x_mps2',
-    'specific_force_y_mps2',
-    *(f'checkpoint_{i}_{axis}' for i in range(CHECKPOINTS_AHEAD) for axis in ('x', 'y')),
-)
-VECTOR_SIZE = len(VECTOR_FIELDS)
 
 
 @dataclass(slots=True)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import topics
 from raw2drive_ros.contract import CameraCalibration
-from raw2drive_ros.driving.preprocessing import VECTOR_SIZE, RouteProgress, raw_vector
+from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
 from raw2drive_ros.privileged_contract import EGO_FIELDS
 from raw2drive_ros.recording.bag_reader import (
     BagError,
@@ -31,6 +31,7 @@ from raw2drive_ros.recording.bag_reader import (
     require_topics,
 )
 from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.config import ModelConfig
 
 CACHE_VERSION = 3

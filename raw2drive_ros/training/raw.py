@@ -9,7 +9,6 @@ from torch import Tensor
 
 from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.contract import CameraCalibration
-from raw2drive_ros.driving.preprocessing import VECTOR_SIZE
 from raw2drive_ros.training.config import RunConfig
 from raw2drive_ros.training.guidance import PairedRollout, guidance_losses, observe_pair
 from raw2drive_ros.training.imagination import (
@@ -22,6 +21,7 @@ from raw2drive_ros.training.imagination import (
 from raw2drive_ros.training.optimiser import Optimiser
 from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer, dynamics_losses
 from raw2drive_ros.training.replay import Batch
+from raw2drive_ros.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
 from raw2drive_ros.world_model.distributions import mask_loss, symlog
 from raw2drive_ros.world_model.streams import RawWorldModel

@@ -5,6 +5,10 @@ bilinear weights form a sparse matrix (rows: height x cell, columns: feature pix
 built once per rig. Each feature pixel also predicts a score per height; the lifted value is the
 score-weighted mean over all views that see the point, so the network learns which view and which
 height to trust. Any calibrated pinhole rig works; nothing but the matrix depends on it.
+
+The route checkpoints are drawn onto the same grid, as closeness to the polyline through them. As plain
+vector features they did not reach the grid: aligning those features to the privileged ones washed the
+route out, and the car drove straight on at junctions (docs/lab_notes.md).
 """
 
 from __future__ import annotations
@@ -19,12 +23,14 @@ from torch import Tensor, nn
 
 from raw2drive_ros.bev_channels import EGO_COLUMN_PX, EGO_ROW_PX, PIXELS_PER_M, SIZE_PX
 from raw2drive_ros.contract import CameraCalibration, Float64
+from raw2drive_ros.vector_layout import CHECKPOINT_SCALE_M, CHECKPOINTS_AHEAD, FIRST_CHECKPOINT
 from raw2drive_ros.world_model.bev_encoder import Residual
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.layers import Conv
 
 STRIDE = 8
 NEAR_M = 0.2
+NAVIGATION_WIDTH_M = 2.0
 
 
 def cell_centres_m(side: int) -> Float64:
@@ -122,8 +128,34 @@ class Lifting(nn.Module):
         return torch.cat(lifted, 1)
 
 
+class Navigation(nn.Module):
+    """(N, V) vector -> (N, 2, side, side): closeness to the checkpoints and to the polyline through them."""
+
+    cells: Tensor
+
+    def __init__(self, side: int) -> None:
+        super().__init__()
+        cells = torch.from_numpy(cell_centres_m(side)).float().flatten(0, 1)
+        self.register_buffer('cells', cells, persistent=False)
+        self.side = side
+
+    def forward(self, vector: Tensor) -> Tensor:
+        flat = vector[:, FIRST_CHECKPOINT : FIRST_CHECKPOINT + 2 * CHECKPOINTS_AHEAD] * CHECKPOINT_SCALE_M
+        points = flat.view(-1, CHECKPOINTS_AHEAD, 2)
+        starts = torch.cat([torch.zeros_like(points[:, :1]), points[:, :-1]], 1)
+        along = points - starts
+        length = along.square().sum(-1).clamp(min=1e-6)
+        # (N, segments, cells, 2): from each segment's start to each cell.
+        offset = self.cells[None, None] - starts[:, :, None]
+        part = ((offset * along[:, :, None]).sum(-1) / length[..., None]).clamp(0.0, 1.0)
+        to_line = (offset - part[..., None] * along[:, :, None]).square().sum(-1).amin(1)
+        to_point = (self.cells[None, None] - points[:, :, None]).square().sum(-1).amin(1)
+        near = torch.stack([to_line, to_point], 1) / (2.0 * NAVIGATION_WIDTH_M**2)
+        return torch.exp(-near).view(-1, 2, self.side, self.side)
+
+
 class CameraEncoder(nn.Module):
-    """(N, views, H, W, 3) uint8 RGB -> ê_t (N, E, G, G)."""
+    """(N, views, H, W, 3) uint8 RGB and (N, V) vector -> ê_t (N, E, G, G)."""
 
     def __init__(self, config: ModelConfig, cameras: Sequence[CameraCalibration]) -> None:
         super().__init__()
@@ -139,7 +171,8 @@ class CameraEncoder(nn.Module):
         self.backbone = nn.Sequential(Conv(3, narrow, 8, 4), nn.SiLU(), Conv(narrow, w, 4, 2), nn.SiLU(), Residual(w))
         self.score = Conv(w, len(c.lift_heights_m), 1)
         self.lift = Lifting(config, cameras)
-        self.squeeze = Conv(len(c.lift_heights_m) * w, c.encoder_width, 1)
+        self.navigation = Navigation(c.lift_grid)
+        self.squeeze = Conv(len(c.lift_heights_m) * w + 2, c.encoder_width, 1)
         stages: list[nn.Module] = []
         side = c.lift_grid
         while side > c.grid:
@@ -151,12 +184,13 @@ class CameraEncoder(nn.Module):
         self.body = Residual(c.encoder_width)
         self.out = Conv(c.encoder_width, c.grid_features, 1)
 
-    def forward(self, images: Tensor) -> Tensor:
+    def forward(self, images: Tensor, vector: Tensor) -> Tensor:
         count, views = images.shape[:2]
         # .float() before the permute keeps the copy in memory order; -0.5 centres the input.
         pixels = images.flatten(0, 1).permute(0, 3, 1, 2).float() / 255.0 - 0.5
         x = self.backbone(pixels)
         scores = self.score(x).flatten(2).transpose(1, 2).reshape(count, -1, self.score.out_channels)
         features = x.flatten(2).transpose(1, 2).reshape(count, views * x.shape[2] * x.shape[3], -1)
-        grid = self.reduce(self.squeeze(self.lift(features, scores)))
+        lifted = torch.cat([self.lift(features, scores), self.navigation(vector)], 1)
+        grid = self.reduce(self.squeeze(lifted))
         return torch.tanh(self.out(nn.functional.silu(self.body(grid))))

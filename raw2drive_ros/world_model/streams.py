@@ -64,6 +64,11 @@ class RawWorldModel(WorldModel):
         self.reward = TwoHotHead(config, 1) if 'reward' in heads else None
         self.cont = ContinueHead(config) if 'continue' in heads else None
 
+    def encode(self, observation: Tensor, vector: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, views, H, W, 3) uint8 images and (N, V) vector -> ê_t (N, E, G, G) and vector features (N, W)."""
+        grid: Tensor = self.encoder(observation, vector)
+        return grid, self.vector_encoder(symlog(vector))
+
     def initialise_from(self, privileged: PrivilegedWorldModel, *, share: str = 'init') -> None:
         """RSSM and decoder start as the privileged ones (paper, Fig. 4). share: init | tied | none."""
         if share == 'none':

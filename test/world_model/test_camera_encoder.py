@@ -4,7 +4,14 @@ import torch
 
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.training.config import make_config
-from raw2drive_ros.world_model.camera_encoder import CameraEncoder, Lifting, cell_centres_m, lifting_entries
+from raw2drive_ros.vector_layout import FIRST_CHECKPOINT, VECTOR_SIZE
+from raw2drive_ros.world_model.camera_encoder import (
+    CameraEncoder,
+    Lifting,
+    Navigation,
+    cell_centres_m,
+    lifting_entries,
+)
 
 CONFIG = make_config('nano').model
 
@@ -62,9 +69,22 @@ def test_sparse_lifting_has_the_gradient_of_its_dense_form() -> None:
     assert torch.allclose(got[1], scores.grad, atol=1e-4)
 
 
+def test_navigation_is_drawn_where_the_checkpoints_are() -> None:
+    vector = torch.zeros(1, VECTOR_SIZE)
+    vector[0, FIRST_CHECKPOINT:] = torch.tensor([20.0, 0.0, 20.0, 25.0, 20.0, 25.0]) / 25.0
+    line, points = Navigation(32)(vector)[0]
+    cells = torch.from_numpy(cell_centres_m(32))
+    near_turn = (cells - torch.tensor([20.0, 12.0])).square().sum(-1).argmin()
+    far_right = (cells - torch.tensor([20.0, -12.0])).square().sum(-1).argmin()
+    assert float(line.flatten()[near_turn]) > 0.7
+    assert float(line.flatten()[far_right]) < 0.01
+    peak = cells.flatten(0, 1)[int(points.flatten().argmax())]
+    assert min(torch.dist(peak, torch.tensor(p).double()) for p in ([20.0, 0.0], [20.0, 25.0])) < 1.5
+
+
 def test_any_calibrated_rig_works_and_a_wrong_size_is_refused() -> None:
     encoder = CameraEncoder(CONFIG, camera_rig()[:4])
-    out = encoder(torch.zeros(2, 4, 96, 160, 3, dtype=torch.uint8))
+    out = encoder(torch.zeros(2, 4, 96, 160, 3, dtype=torch.uint8), torch.zeros(2, VECTOR_SIZE))
     assert out.shape == (2, CONFIG.grid_features, CONFIG.grid, CONFIG.grid)
     with pytest.raises(ValueError, match='expects 96x160'):
         CameraEncoder(CONFIG, camera_rig(224, 400))
