@@ -57,9 +57,8 @@ def find_bags(roots: list[Path]) -> list[Path]:
     for root in roots:
         if not root.exists():
             raise BagError(f'{root}: no such file or folder')
-        found |= {
-            p.parent for p in root.rglob('metadata.yaml') if not any(part.endswith('.partial') for part in p.parts)
-        }
+        complete = (p for p in root.rglob('metadata.yaml') if not any(q.endswith('.partial') for q in p.parts))
+        found |= {p.parent for p in complete}
     if not found:
         raise BagError(f'no bags found under {", ".join(map(str, roots))}')
     return sorted(found)
