@@ -32,11 +32,14 @@ def bar(title: str, total: float, unit: str) -> Iterator[Callable[..., None]]:
 
             yield advance
         return
-    last = time.monotonic()
+    last, finished = time.monotonic(), False
 
     def line(done: float, note: str = '') -> None:
-        nonlocal last
-        if time.monotonic() - last > LINE_EVERY_S or done >= total:
+        nonlocal last, finished
+        if finished:
+            return
+        finished = done >= total
+        if time.monotonic() - last > LINE_EVERY_S or finished:
             last = time.monotonic()
             print(f'{title}: {done:.0f}/{total:.0f} {unit} {note}'.rstrip(), file=sys.stderr)
 

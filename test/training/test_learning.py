@@ -31,10 +31,10 @@ def replay(workspace, bags) -> Replay:
 def test_stage_1_overfits_one_batch(replay) -> None:
     trainer = PrivilegedTrainer(make_config('nano', {'warmup': 10, 'policy_after': 10_000}))
     batch = replay.sample(2)
-    first = {k: float(v.mean()) for k, v in trainer.model_losses(batch)[0].items()}
+    first = {k: float(v.detach().mean()) for k, v in trainer.model_losses(batch)[0].items()}
     for _ in range(250):
         trainer.step(batch)
-    last = {k: float(v.mean()) for k, v in trainer.model_losses(batch)[0].items()}
+    last = {k: float(v.detach().mean()) for k, v in trainer.model_losses(batch)[0].items()}
     assert last['masks'] < 0.1 * first['masks']
     assert last['reward'] < 0.5 * first['reward']
     assert last['dyn'] >= 1.0, 'free nats are the floor'
@@ -45,10 +45,10 @@ def test_stage_2_overfits_one_batch_and_aligns_every_state(replay, teacher_run, 
     config = make_config('nano', {'warmup': 10, 'policy_after': 10_000})
     trainer = RawTrainer(config, teacher, rig_of(bag), 100)
     batch = replay.sample(2, images=True)
-    first = {k: float(v.mean()) for k, v in trainer.model_losses(batch)[0].items()}
+    first = {k: float(v.detach().mean()) for k, v in trainer.model_losses(batch)[0].items()}
     for _ in range(200):
         trainer.step(batch)
-    last = {k: float(v.mean()) for k, v in trainer.model_losses(batch)[0].items()}
+    last = {k: float(v.detach().mean()) for k, v in trainer.model_losses(batch)[0].items()}
     assert last['masks'] < 0.3 * first['masks']
     assert last['align_encoder'] < 0.3 * first['align_encoder']
     assert last['align_stoch'] < 0.5 * first['align_stoch']
