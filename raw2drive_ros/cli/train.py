@@ -79,6 +79,8 @@ def run(options: argparse.Namespace) -> int:
         identity = export_bundle(options.training_run, options.export)
         print(f'bundle {identity} in {options.export}')
         print(f'next: raw2drive evaluate --driver raw --bundle {options.export} --routes lane-following --seeds 20')
+    elif options.stage == 'raw':
+        print('next: the same command with --export DIR makes a policy bundle')
     else:
         print(f'next: raw2drive evaluate --driver privileged --run {options.training_run} --routes lane-following')
     return 0
