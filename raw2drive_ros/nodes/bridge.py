@@ -34,6 +34,8 @@ from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, T
 from raw2drive_ros.simulation.scenario import UnknownScenarioError, get_scenario
 from raw2drive_ros.timing import load_timing
 
+RESEND_AFTER_S = 1.0
+
 
 class BridgeNode(Node):
     """Parameters are described where they are declared; services: ~/reset, ~/pause."""
@@ -50,7 +52,7 @@ class BridgeNode(Node):
                 'image_height': (96, 'camera image height in pixels'),
                 'image_width': (160, 'camera image width in pixels'),
                 'bev': (True, 'publish privileged BEV masks'),
-                'wait_for_image_subscribers': (1, 'start when the front camera has so many subscribers'),
+                'wait_for_image_subscribers': (1, 'start when every sensor topic has so many subscribers'),
                 'result_file': ('', 'write results as JSON here when all episodes are driven'),
                 'progress_file': ('', 'append one JSON line per second of simulated time here'),
                 'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
@@ -137,6 +139,7 @@ class BridgeNode(Node):
         period = 1.0 / self.timing.decision_rate_hz
         wait = self.timing.lock_step_timeout_s if self.lock_step else period
         deadline = self.tick_started + wait
+        resend = self.tick_started + RESEND_AFTER_S
         while (left := deadline - time.perf_counter()) > 0:
             if self.lock_step and self.answer is not None and self.answer[0] == tick.stamp_ns:
                 self.policy.accept(self.answer[1], tick.stamp_ns)
@@ -144,6 +147,11 @@ class BridgeNode(Node):
             self.executor_.spin_once(timeout_sec=min(left, 0.05))
             if self.reset_to is not None:
                 break
+            if self.lock_step and time.perf_counter() > resend:
+                # Something of this tick got lost between peers that had not found each other yet.
+                resend = time.perf_counter() + RESEND_AFTER_S
+                self._publish_route(tick)
+                self._publish(tick)
         newest = self.answer
         if not self.lock_step and newest is not None:
             age_s = (tick.stamp_ns - newest[0]) * 1e-9
@@ -231,22 +239,25 @@ class BridgeNode(Node):
             )
 
     def _wait_for_peers(self) -> None:
-        front = self.outputs[topics.image_topic('front')]
+        # Discovery matches topic by topic: every sensor topic counts, not only the first.
+        sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name != topics.IMU_EXTRINSICS]
         wanted = int(self.p['wait_for_image_subscribers'])
         deadline = time.perf_counter() + self.timing.discovery_timeout_s
-        while front.get_subscription_count() < wanted or self.count_publishers(topics.COMMAND) < 1:
+        while (
+            fewest := min(publisher.get_subscription_count() for publisher in sensors)
+        ) < wanted or self.count_publishers(topics.COMMAND) < 1:
             if time.perf_counter() > deadline:
                 if self.endless:
                     self.get_logger().warning('no planner yet; waiting on')
                     deadline = time.perf_counter() + self.timing.discovery_timeout_s
                     continue
                 raise NodeError(
-                    f'{front.get_subscription_count()} of {wanted} image subscribers and '
+                    f'{fewest} of {wanted} subscribers on every sensor topic and '
                     f'{self.count_publishers(topics.COMMAND)} command publishers after '
                     f'{self.timing.discovery_timeout_s:.0f} s: is the planner active and the gate running?'
                 )
             self.executor_.spin_once(timeout_sec=0.1)
-        # Discovery matches topic by topic; give the slowest pair a moment.
+        # Planner and gate have to find each other too, which nobody here can see.
         deadline = time.perf_counter() + 1.0
         while time.perf_counter() < deadline:
             self.executor_.spin_once(timeout_sec=0.1)

@@ -32,6 +32,7 @@ from raw2drive_ros import topics
 from raw2drive_ros.contract import (
     CameraCalibration,
     ContractError,
+    Decision,
     ImuSample,
     OdometrySample,
     Route,
@@ -133,6 +134,7 @@ class PlannerNode(LifecycleNode):
         self.infos: dict[str, Any] = {}
         self.rig_checked = False
         self.refused = 0
+        self.answered: Decision | None = None
 
     def _listen(self, topic: str, callback: Any) -> None:
         self._inputs.append(make_subscription(self, topic, callback, self.losses))
@@ -194,6 +196,10 @@ class PlannerNode(LifecycleNode):
     def _decide(self, frame: SensorFrame | None) -> None:
         if frame is None or self.driver is None or self.route is None:
             return
+        if self.answered is not None and self.answered.stamp_ns == frame.stamp_ns:
+            # The same tick again: its answer was lost. Deciding twice would move the recurrent state twice.
+            self.output.publish(decision_to_message(self.factory, self.answered))
+            return
         try:
             if not self.rig_checked:
                 self._check_cameras()
@@ -202,6 +208,7 @@ class PlannerNode(LifecycleNode):
             self.failure = str(error)
             self.get_logger().error(self.failure, throttle_duration_sec=1.0)
             return
+        self.answered = decision
         self.latency_ms.append(decision.inference_ms)
         self.output.publish(decision_to_message(self.factory, decision))
 

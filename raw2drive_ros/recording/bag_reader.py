@@ -121,6 +121,7 @@ def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = 
         wanted |= {topics.BEV, topics.EGO, topics.TRANSITION}
     connections = [c for c in reader.connections if c.topic in wanted]
     route: Route | None = None
+    last_ns = -1
     imus: dict[int, ImuSample] = {}
     odometries: dict[int, OdometrySample] = {}
     pending: dict[int, dict[str, Any]] = {}
@@ -133,6 +134,9 @@ def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = 
                 route = route_from_message(message)
                 continue
             stamp = stamp_ns(message.header.stamp)
+            if stamp <= last_ns:
+                # A tick that the bridge had to send again.
+                continue
             if topic == topics.IMU:
                 imus[stamp] = imu_from_message(message)
             elif topic == topics.ODOMETRY:
@@ -144,6 +148,7 @@ def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = 
             if route is None or len(parts) < needed or stamp not in imus or stamp not in odometries:
                 continue
             del pending[stamp]
+            last_ns = stamp
             images = {image_topics[t]: image_from_message(m) for t, m in parts.items() if t in image_topics}
             frame, transition, episode = None, None, ''
             if privileged:
