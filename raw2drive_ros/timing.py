@@ -15,7 +15,6 @@ class Timing(Strict):
     decision_rate_hz: float = Field(gt=0)
     physics_rate_hz: float = Field(gt=0)
     gate_rate_hz: float = Field(ge=20)
-    input_age_s: float = Field(gt=0)
     comfortable_after_s: float = Field(gt=0)
     emergency_after_s: float = Field(gt=0)
     command_hold_s: float = Field(gt=0)

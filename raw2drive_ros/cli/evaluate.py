@@ -20,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--run', dest='training_run', type=Path, help='stage-1 run of driver privileged')
     parser.add_argument('--routes', default='lane-following', help='scenario types, abilities, or all')
     parser.add_argument('--seeds', type=int, default=20, help='routes per scenario type')
+    parser.add_argument('--first-seed', type=int, default=0, help='seed of the first route')
     parser.add_argument('--blind', action='store_true', help='black out every camera (how much do they matter?)')
     parser.add_argument('--threads', type=int, default=1, help='torch threads')
     parser.add_argument('--out', type=Path, help='also write per-route JSON lines here')
@@ -38,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.paths import default_bundle
 
     cv2.setNumThreads(1)
-    routes = routes_of(options.routes, options.seeds)
+    routes = routes_of(options.routes, options.seeds, options.first_seed)
     bundle = options.bundle or default_bundle()
     driver = make_driver(options.driver, bundle, options.training_run, 0.0, options.threads)
     if options.blind:

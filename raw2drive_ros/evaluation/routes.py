@@ -7,8 +7,8 @@ from raw2drive_ros.simulation.scenario import UnknownScenarioError, load_scenari
 SUITE_VERSION = '1'
 
 
-def routes_of(name: str, seeds: int) -> list[tuple[str, int]]:
-    """`lane-following`, any scenario type, an ability, a comma list, or `all`; seeds 0 .. seeds-1 each.
+def routes_of(name: str, seeds: int, first_seed: int = 0) -> list[tuple[str, int]]:
+    """`lane-following`, any scenario type, an ability, a comma list, or `all`; `seeds` seeds each, from `first_seed` on.
 
     Raises UnknownScenarioError.
     """
@@ -24,4 +24,4 @@ def routes_of(name: str, seeds: int) -> list[tuple[str, int]]:
             chosen += match or by_ability
         else:
             raise UnknownScenarioError(f'unknown routes {part!r}; use all, an ability, or one of: {", ".join(known)}')
-    return [(scenario, seed) for scenario in dict.fromkeys(chosen) for seed in range(seeds)]
+    return [(scenario, seed) for scenario in dict.fromkeys(chosen) for seed in range(first_seed, first_seed + seeds)]

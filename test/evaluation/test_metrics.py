@@ -41,6 +41,7 @@ def test_routes_by_name_ability_and_all() -> None:
     assert routes_of('lane-following', 2) == [('LaneFollowing', 0), ('LaneFollowing', 1)]
     assert {name for name, _ in routes_of('GiveWay', 1)} == {'InvadingTurn', 'YieldToEmergencyVehicle'}
     assert len(routes_of('all', 1)) >= 11
+    assert routes_of('lane-following', 2, 20) == [('LaneFollowing', 20), ('LaneFollowing', 21)]
     with pytest.raises(UnknownScenarioError, match='unknown routes'):
         routes_of('flying', 1)
 
