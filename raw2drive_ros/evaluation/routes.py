@@ -8,7 +8,7 @@ SUITE_VERSION = '1'
 
 
 def routes_of(name: str, seeds: int, first_seed: int = 0) -> list[tuple[str, int]]:
-    """`lane-following`, any scenario type, an ability, a comma list, or `all`; `seeds` seeds each, from `first_seed` on.
+    """`lane-following`, any scenario type, an ability, a comma list, or `all`; `seeds` each, from `first_seed` on.
 
     Raises UnknownScenarioError.
     """
