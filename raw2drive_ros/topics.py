@@ -24,6 +24,11 @@ def image_topic(camera: str) -> str:
     return f'/sensing/camera/{camera}/image_raw'
 
 
+def compressed_topic(camera: str) -> str:
+    """Beside the raw topic, where image_transport puts it."""
+    return f'{image_topic(camera)}/compressed'
+
+
 def camera_info_topic(camera: str) -> str:
     return f'/sensing/camera/{camera}/camera_info'
 
@@ -34,7 +39,10 @@ def extrinsics_topic(camera: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TopicSpec:
-    """One row: rate in Hz (0 = on change), QoS (reliable, latched, depth), publisher, and what it carries."""
+    """One row: rate in Hz (0 = on change), QoS (reliable, latched, depth), publisher, and what it carries.
+
+    optional: published in place of another topic, when a parameter says so.
+    """
 
     name: str
     msgtype: str
@@ -44,6 +52,7 @@ class TopicSpec:
     depth: int
     publisher: str
     carries: str
+    optional: bool = False
 
     @property
     def privileged(self) -> bool:
@@ -62,6 +71,17 @@ def _camera_rows(camera: str) -> tuple[TopicSpec, ...]:
             5,
             'bridge or vehicle',
             f'rgb8, frame `{optical}`; one stamp for all cameras of a tick',
+        ),
+        TopicSpec(
+            compressed_topic(camera),
+            'sensor_msgs/msg/CompressedImage',
+            10,
+            True,
+            False,
+            5,
+            'bridge or vehicle',
+            'JPEG or PNG in place of the raw image (parameter `image_transport`)',
+            optional=True,
         ),
         TopicSpec(
             camera_info_topic(camera),

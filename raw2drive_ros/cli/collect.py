@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--episode-ticks', type=int, default=400, help='cut every episode after so many ticks')
     parser.add_argument('--noise', type=float, default=0.0, help='chance per tick of a burst of random actions')
     parser.add_argument('--seed', type=int, default=0, help='another number draws other training routes')
+    parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--no-cameras', action='store_true', help='leave the images out (stage 1 does not need them)')
     parser.add_argument('--out', type=Path, required=True, help='folder that the bags go to')
 
@@ -29,16 +30,27 @@ def run(options: argparse.Namespace) -> int:
     import cv2
     import torch
 
+    from raw2drive_ros.cli.errors import UsageError
     from raw2drive_ros.cli.progress import bar
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.drivers import make_driver
     from raw2drive_ros.evaluation.routes import routes_of
+    from raw2drive_ros.simulation.camera_rig import SIZES
 
+    if options.size not in SIZES:
+        raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
     scenarios = tuple(name for name, _ in routes_of(options.routes, 1))
     driver = make_driver(options.driver, options.bundle, options.training_run, options.noise)
-    config = CollectConfig(scenarios, options.ticks, options.seed, not options.no_cameras, options.episode_ticks)
+    config = CollectConfig(
+        scenarios,
+        options.ticks,
+        options.seed,
+        not options.no_cameras,
+        options.episode_ticks,
+        image_size=SIZES[options.size],
+    )
     facts = {'driver': options.driver, 'noise': str(options.noise)}
     bags = set()
     with bar('collecting', options.ticks, 'ticks') as advance:

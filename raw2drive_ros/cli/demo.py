@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--out', type=Path, default=Path('runs/demo'), help='folder for everything that is made')
     parser.add_argument('--domain', type=int, help='ROS domain (default: the first free one from 50 on)')
+    parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
     parser.add_argument('--real-time', action='store_true', help='follow the wall clock instead of lock-step')
     parser.add_argument('--no-video', action='store_true', help='skip MP4 and pictures')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
@@ -44,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
         get_scenario(part.partition('/')[0].strip())
     require_space(options.out)
     _clear(options.out)
-    job = GraphJob(options.out, options.routes, options.real_time)
+    job = GraphJob(options.out, options.routes, options.real_time, image_transport=options.image_transport)
     with reserve_domain(options.domain) as domain:
         result = drive_graph(job, bundle.resolve(), domain)
     made = {'result': options.out / 'result.json', 'bag': options.out / 'bag'}
@@ -86,6 +87,7 @@ class GraphJob:
     real_time: bool = False
     image_size: tuple[int, int] = (96, 160)
     max_ticks: int = 0
+    image_transport: str = 'raw'
 
 
 def drive_graph(job: GraphJob, bundle: Path, domain: int) -> dict[str, Any]:
@@ -100,12 +102,14 @@ def drive_graph(job: GraphJob, bundle: Path, domain: int) -> dict[str, Any]:
         recorder = {'bag': str(out / 'bag'), 'provenance': provenance, 'stats_file': str(out / 'recorder.json')}
         graph.start('recorder', recorder)
         graph.start('safety_gate', {'clock': 'steady' if job.real_time else 'ros'})
-        graph.start('planner', {'bundle': str(bundle), 'stats_file': str(out / 'planner.json')})
+        planner = {'bundle': str(bundle), 'stats_file': str(out / 'planner.json')}
+        graph.start('planner', planner | {'image_transport': job.image_transport})
         bridge = {
             'episodes': job.routes,
             'lock_step': not job.real_time,
             'image_height': job.image_size[0],
             'image_width': job.image_size[1],
+            'image_transport': job.image_transport,
             'max_ticks': job.max_ticks,
             'wait_for_image_subscribers': 2,
             'result_file': str(out / 'bridge.json'),
@@ -115,10 +119,10 @@ def drive_graph(job: GraphJob, bundle: Path, domain: int) -> dict[str, Any]:
         _wait(graph, out, len(job.routes.split(',')))
         # The planner and the recorder first write their figures, then the rest may go.
         graph.end(order=('planner', 'recorder'))
-    driven, planner, recorded = (json.loads((out / f'{n}.json').read_text()) for n in ('bridge', 'planner', 'recorder'))
+    driven, planned, recorded = (json.loads((out / f'{n}.json').read_text()) for n in ('bridge', 'planner', 'recorder'))
     timing = driven['timing']
-    timing['planner_ms'] = planner['planner_ms']
-    timing['messages_lost'] += planner['messages_lost'] + recorded['messages_lost']
+    timing['planner_ms'] = planned['planner_ms']
+    timing['messages_lost'] += planned['messages_lost'] + recorded['messages_lost']
     routes = [RouteResult(**row) for row in driven['routes']]
     return summarise('raw', job.routes, SUITE_VERSION, routes, timing)
 

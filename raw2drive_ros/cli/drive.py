@@ -15,6 +15,7 @@ The gate's stop is latched; re-activate with the service /safety_gate/activate (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--lock-step', action='store_true', help='measure silence by /clock instead of the wall')
+    parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
     parser.add_argument('--domain', type=int, default=0, help='ROS domain')
 
 
@@ -27,6 +28,6 @@ def run(options: argparse.Namespace) -> int:
     load_bundle(bundle)
     nodes = {
         'safety_gate': {'clock': 'ros' if options.lock_step else 'steady'},
-        'planner': {'bundle': str(bundle)},
+        'planner': {'bundle': str(bundle), 'image_transport': options.image_transport},
     }
     return run_single(nodes, options.domain, sim_time=options.lock_step)

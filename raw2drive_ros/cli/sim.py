@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--picture', type=Path, help='render cameras and BEV after some seconds and exit')
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--real-time', action='store_true', help='follow the wall clock instead of lock-step')
+    parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
     parser.add_argument('--domain', type=int, default=0, help='ROS domain')
 
 
@@ -50,5 +51,6 @@ def run(options: argparse.Namespace) -> int:
         'lock_step': not options.real_time,
         'image_height': height,
         'image_width': width,
+        'image_transport': options.image_transport,
     }
     return run_single({'bridge': parameters}, options.domain, sim_time=False)

@@ -21,7 +21,7 @@ TRAIN_SEED_START = 100_000
 
 @dataclass(frozen=True, slots=True)
 class CollectConfig:
-    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many."""
+    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many. image_size: (H, W)."""
 
     scenarios: tuple[str, ...]
     ticks: int
@@ -29,6 +29,7 @@ class CollectConfig:
     cameras: bool = True
     episode_ticks: int = 400
     bag_ticks: int = 2000
+    image_size: tuple[int, int] = (96, 160)
 
 
 def collect(
@@ -38,7 +39,7 @@ def collect(
     provenance: dict[str, str],
 ) -> Iterator[tuple[int, Path]]:
     """Write bags into `folder`; yields (ticks so far, bag) after each tick batch of an episode."""
-    simulation = SimulationConfig(cameras=config.cameras)
+    simulation = SimulationConfig(config.image_size, cameras=config.cameras)
     env = DrivingEnv(simulation)
     messages = TickMessages(RosbagsFactory(), env.rig)
     seed = TRAIN_SEED_START + 10_000 * config.seed

@@ -26,7 +26,7 @@ from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.evaluation.episode import result_of
 from raw2drive_ros.evaluation.evaluate import timing_of
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
-from raw2drive_ros.nodes.parameters import declare
+from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import NodeError, run_node
 from raw2drive_ros.recording.tick_messages import TickMessages
@@ -51,6 +51,7 @@ class BridgeNode(Node):
                 'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
                 'image_height': (96, 'camera image height in pixels'),
                 'image_width': (160, 'camera image width in pixels'),
+                'image_transport': ('raw', 'raw images, or compressed ones (JPEG)'),
                 'bev': (True, 'publish privileged BEV masks'),
                 'wait_for_image_subscribers': (1, 'start when every sensor topic has so many subscribers'),
                 'result_file': ('', 'write results as JSON here when all episodes are driven'),
@@ -62,13 +63,14 @@ class BridgeNode(Node):
         self.timing = load_timing()
         if p['image_height'] <= 0 or p['image_width'] <= 0:
             raise NodeError('image_height and image_width must be positive')
+        self.compressed = wants_compressed(p['image_transport'])
         self.lock_step = bool(p['lock_step'])
         self.queue = _parse_episodes(p['episodes'])
         self.endless = not self.queue
         get_scenario(p['scenario'])
         config = SimulationConfig((p['image_height'], p['image_width']), bev=p['bev'], end_on_infraction=False)
         self.env = DrivingEnv(config)
-        self.messages = TickMessages(RclpyFactory(), self.env.rig)
+        self.messages = TickMessages(RclpyFactory(), self.env.rig, compressed=self.compressed)
         self.losses = LossCounter()
         self.policy = CommandPolicy(self.timing.command_hold_s, self.timing.command_brake)
         self.outputs: dict[str, Any] = {}
@@ -240,7 +242,9 @@ class BridgeNode(Node):
 
     def _wait_for_peers(self) -> None:
         # Discovery matches topic by topic: every sensor topic counts, not only the first.
-        sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name != topics.IMU_EXTRINSICS]
+        unused = {topics.IMU_EXTRINSICS}
+        unused |= {(topics.image_topic if self.compressed else topics.compressed_topic)(c) for c in topics.CAMERAS}
+        sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name not in unused]
         wanted = int(self.p['wait_for_image_subscribers'])
         deadline = time.perf_counter() + self.timing.discovery_timeout_s
         while (

@@ -15,3 +15,10 @@ def declare(node: Node, table: dict[str, tuple[Any, str]]) -> dict[str, Any]:
         parameter = node.declare_parameter(name, default, ParameterDescriptor(description=description))
         values[name] = parameter.value
     return values
+
+
+def wants_compressed(image_transport: str) -> bool:
+    """Whether the parameter `image_transport` asks for compressed images. Raises ValueError for another word."""
+    if image_transport not in ('raw', 'compressed'):
+        raise ValueError(f'image_transport {image_transport!r}: use raw or compressed')
+    return image_transport == 'compressed'

@@ -18,6 +18,7 @@ block_privileged_imports()
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from msg_adapters.commands import decision_to_message
+from msg_adapters.compressed import image_from_compressed_message
 from msg_adapters.diagnostics import ERROR, OK, WARN
 from msg_adapters.factory import RclpyFactory
 from msg_adapters.sensors import (
@@ -42,7 +43,7 @@ from raw2drive_ros.driving.bundle import Bundle, BundleError, check_rig, load_bu
 from raw2drive_ros.driving.driver import RawDriver
 from raw2drive_ros.driving.frame_assembler import FrameAssembler
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
-from raw2drive_ros.nodes.parameters import declare
+from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import NodeError, run_node, spin
 
@@ -56,11 +57,13 @@ class PlannerNode(LifecycleNode):
             self,
             {
                 'bundle': ('', 'folder of the policy bundle'),
+                'image_transport': ('raw', 'raw images, or compressed ones (JPEG, PNG)'),
                 'threads': (1, 'torch threads for inference'),
                 'autostart': (True, 'configure and activate at start, without a lifecycle manager'),
                 'stats_file': ('', 'write latency and loss figures as JSON here at the end'),
             },
         )
+        self.compressed = wants_compressed(self.p['image_transport'])
         self.factory = RclpyFactory()
         self.losses = LossCounter()
         self.bundle: Bundle | None = None
@@ -113,8 +116,9 @@ class PlannerNode(LifecycleNode):
             self._listen(topics.camera_info_topic(camera), self._keep(self.infos, camera))
         self._listen(topics.IMU, self._on_imu)
         self._listen(topics.ODOMETRY, self._on_odometry)
+        image_topic = topics.compressed_topic if self.compressed else topics.image_topic
         for camera in self.assembler.cameras:
-            self._listen(topics.image_topic(camera), self._image_callback(camera))
+            self._listen(image_topic(camera), self._image_callback(camera))
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -176,8 +180,10 @@ class PlannerNode(LifecycleNode):
             self._decide(self.assembler.add_odometry(sample))
 
     def _image_callback(self, camera: str) -> Any:
+        convert = image_from_compressed_message if self.compressed else image_from_message
+
         def callback(message: Any) -> None:
-            image = self._checked(image_from_message, message)
+            image = self._checked(convert, message)
             if image is not None:
                 self._decide(self.assembler.add_image(camera, stamp_ns(message.header.stamp), image))
 

@@ -11,6 +11,7 @@ from typing import Any
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.errors import ReaderError
 
+from msg_adapters.compressed import image_from_compressed_message
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import privileged_from_messages, transition_from_message
 from msg_adapters.sensors import (
@@ -110,13 +111,27 @@ def read_calibrations(reader: Reader, factory: RosbagsFactory) -> tuple[CameraCa
     )
 
 
+def camera_topics(reader: Reader) -> dict[str, str]:
+    """topic -> camera for every camera that the bag holds: its raw topic, or else its compressed one."""
+    present = {connection.topic for connection in reader.connections}
+    found = {}
+    for camera in topics.CAMERAS:
+        for topic in (topics.image_topic(camera), topics.compressed_topic(camera)):
+            if topic in present:
+                found[topic] = camera
+                break
+    return found
+
+
+def _image(topic: str, message: Any) -> Image8:
+    return image_from_compressed_message(message) if topics.BY_NAME[topic].optional else image_from_message(message)
+
+
 def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = True) -> Iterator[BagTick]:
     """Decision ticks in time order. A tick is complete when its last expected message has arrived."""
     factory = RosbagsFactory()
-    image_topics = {topics.image_topic(c): c for c in topics.CAMERAS}
-    present = {connection.topic for connection in reader.connections}
-    expected_images = {t for t in image_topics if t in present} if cameras else set()
-    wanted = expected_images | {topics.IMU, topics.ODOMETRY, topics.ROUTE}
+    image_topics = camera_topics(reader) if cameras else {}
+    wanted = set(image_topics) | {topics.IMU, topics.ODOMETRY, topics.ROUTE}
     if privileged:
         wanted |= {topics.BEV, topics.EGO, topics.TRANSITION}
     connections = [c for c in reader.connections if c.topic in wanted]
@@ -125,7 +140,7 @@ def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = 
     imus: dict[int, ImuSample] = {}
     odometries: dict[int, OdometrySample] = {}
     pending: dict[int, dict[str, Any]] = {}
-    needed = len(expected_images) + (3 if privileged else 0)
+    needed = len(image_topics) + (3 if privileged else 0)
     try:
         for connection, _, data in reader.messages(connections=connections):
             topic = connection.topic
@@ -149,7 +164,7 @@ def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = 
                 continue
             del pending[stamp]
             last_ns = stamp
-            images = {image_topics[t]: image_from_message(m) for t, m in parts.items() if t in image_topics}
+            images = {image_topics[t]: _image(t, m) for t, m in parts.items() if t in image_topics}
             frame, transition, episode = None, None, ''
             if privileged:
                 frame = privileged_from_messages(parts[topics.BEV], parts[topics.EGO])

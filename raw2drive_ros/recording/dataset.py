@@ -25,6 +25,7 @@ from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
 from raw2drive_ros.privileged_contract import EGO_FIELDS
 from raw2drive_ros.recording.bag_reader import (
     BagError,
+    camera_topics,
     open_bag,
     read_calibrations,
     read_ticks,
@@ -87,9 +88,10 @@ def load_bag(path: Path, cache_root: Path, config: ModelConfig, *, cameras: bool
 def _build(path: Path, folder: Path, codec: MaskCodec, *, cameras: bool) -> None:
     purpose = 'training the raw stream' if cameras else 'training the privileged stream'
     wanted = [topics.BEV, topics.EGO, topics.TRANSITION, topics.IMU, topics.ODOMETRY, topics.ROUTE]
-    if cameras:
-        wanted += [topics.image_topic(c) for c in topics.CAMERAS]
     with open_bag(path) as reader:
+        if cameras:
+            held = set(camera_topics(reader).values())
+            wanted += [topics.image_topic(c) for c in topics.CAMERAS if c not in held]
         require_topics(reader, path, wanted, purpose)
         count = next(c.msgcount for c in reader.connections if c.topic == topics.TRANSITION)
         partial = folder.with_name(folder.name + f'.{os.getpid()}.partial')

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from msg_adapters.compressed import compressed_image_to_message
 from msg_adapters.factory import MessageFactory
 from msg_adapters.privileged import bev_to_message, ego_to_message, transition_to_message
 from msg_adapters.sensors import (
@@ -32,9 +33,12 @@ Addressed = tuple[str, int, Any]
 class TickMessages:
     """Keeps one reusable Image per camera; messages are valid until the next call."""
 
-    def __init__(self, factory: MessageFactory, rig: tuple[CameraCalibration, ...]) -> None:
+    def __init__(
+        self, factory: MessageFactory, rig: tuple[CameraCalibration, ...], *, compressed: bool = False
+    ) -> None:
         self.factory = factory
         self.rig = rig
+        self.compressed = compressed
         self.images = {c.name: new_image(factory, c.name, c.height, c.width) for c in rig}
 
     def latched(self, stamp_ns: int) -> Iterator[Addressed]:
@@ -67,10 +71,15 @@ class TickMessages:
         for camera in self.rig:
             if camera.name not in tick.sensors.images:
                 continue
-            message = self.images[camera.name]
-            fill_image(message, tick.sensors.images[camera.name], tick.stamp_ns)
+            image = tick.sensors.images[camera.name]
             info = camera_info_to_message(self.factory, camera, tick.stamp_ns)
             yield topics.camera_info_topic(camera.name), tick.stamp_ns, info
+            if self.compressed:
+                packed = compressed_image_to_message(self.factory, camera.name, image, tick.stamp_ns)
+                yield topics.compressed_topic(camera.name), tick.stamp_ns, packed
+                continue
+            message = self.images[camera.name]
+            fill_image(message, image, tick.stamp_ns)
             yield topics.image_topic(camera.name), tick.stamp_ns, message
 
     def privileged(self, tick: Tick, episode: str) -> Iterator[Addressed]:

@@ -29,6 +29,8 @@ class TrainConfig(Strict):
     policy_lr: float = 1.5e-4
     weight_decay: float = 0.0
     warmup: int = 200
+    decay_share: float = Field(0.3, ge=0.0, le=1.0, description='last share of the run in which learning rates fall')
+    decay_end: float = Field(0.02, ge=0.0, le=1.0, description='share of a learning rate that is left at the end')
     model_clip: float = 100.0
     policy_clip: float = 100.0
     policy_every: int = Field(1, description='world-model steps per round of policy updates')

@@ -130,8 +130,8 @@ def choose_starts(
     return chosen, tuple(e.detach().flatten(0, 1)[pick] for e in extra)
 
 
-def update_policy(policy: Policy, optimiser: Optimiser, loss: Tensor, config: TrainConfig) -> float:
+def update_policy(policy: Policy, optimiser: Optimiser, loss: Tensor, config: TrainConfig, factor: float) -> float:
     """One optimiser step and one slow-critic step; returns the gradient norm."""
-    norm = optimiser.step(loss)
+    norm = optimiser.step(loss, factor)
     policy.critic.follow(config.slow_rate)
     return norm

@@ -1,4 +1,4 @@
-"""AdamW with linear warm-up and gradient clipping; refuses to step on a gradient that is not finite."""
+"""AdamW: linear warm-up, a constant rate, linear decay, clipping; refuses to step on a gradient that is not finite."""
 
 from __future__ import annotations
 
@@ -12,6 +12,18 @@ class NonFiniteError(FloatingPointError):
     """A loss or gradient became NaN or infinite; the weights are still those of the last good step."""
 
 
+def decay_factor(step: int, total: int, share: float, end: float) -> float:
+    """1 until the last `share` of `total` steps, from there linearly down to `end`.
+
+    A constant rate with a short decay at its end lets a run be continued with more steps, which a cosine
+    over the whole run does not.
+    """
+    length = share * total
+    if length <= 0:
+        return 1.0
+    return 1.0 - (1.0 - end) * min(1.0, max(0.0, (step - (total - length)) / length))
+
+
 class Optimiser:
     def __init__(
         self, parameters: Iterable[nn.Parameter], lr: float, weight_decay: float, clip: float, warmup: int
@@ -21,15 +33,18 @@ class Optimiser:
         self.lr, self.clip, self.warmup = lr, clip, warmup
         self.steps = 0
 
-    def step(self, loss: Tensor) -> float:
-        """Backward, clip, update; returns the gradient norm. Raises NonFiniteError before any change."""
+    def step(self, loss: Tensor, factor: float = 1.0) -> float:
+        """Backward, clip, update; returns the gradient norm. factor: of the learning rate, see `decay_factor`.
+
+        Raises NonFiniteError before any change.
+        """
         self.adam.zero_grad(set_to_none=True)
         loss.backward()
         norm = float(nn.utils.clip_grad_norm_(self.parameters, self.clip))
         if not norm < float('inf'):
             raise NonFiniteError(f'gradient norm {norm} at step {self.steps}, loss {float(loss.detach())}')
         self.steps += 1
-        rate = self.lr * min(1.0, self.steps / max(1, self.warmup))
+        rate = self.lr * factor * min(1.0, self.steps / max(1, self.warmup))
         for group in self.adam.param_groups:
             group['lr'] = rate
         self.adam.step()

@@ -101,22 +101,23 @@ class PrivilegedTrainer:
             raise KeyError(f'losses {sorted(losses)} do not match weights {sorted(weights)}')
         return torch.stack([weights[name] * losses[name].mean() for name in weights]).sum()
 
-    def step(self, batch: Batch) -> dict[str, float]:
+    def step(self, batch: Batch, factor: float = 1.0) -> dict[str, float]:
+        """One gradient step of each network; factor: of the learning rates."""
         t = self.config.train
         losses, states = self.model_losses(batch)
         total = self.weigh(losses)
         metrics = {f'loss/{name}': float(value.detach().mean()) for name, value in losses.items()}
-        metrics['grad/model'] = self.model_optimiser.step(total)
+        metrics['grad/model'] = self.model_optimiser.step(total, factor)
         self.steps += 1
         if self.steps == t.reset_policy_at:
             self.reset_policy()
         if self.steps > t.policy_after and self.steps % t.policy_every == 0:
             for _ in range(t.policy_updates):
                 start, _ = choose_starts(states, (), batch.cont, t.starts, self.generator)
-                metrics |= self.policy_step(start)
+                metrics |= self.policy_step(start, factor)
         return metrics
 
-    def policy_step(self, start: State) -> dict[str, float]:
+    def policy_step(self, start: State, factor: float = 1.0) -> dict[str, float]:
         """One actor-critic update from imagined rollouts."""
         t = self.config.train
         rollout = imagine(
@@ -129,7 +130,7 @@ class PrivilegedTrainer:
             self.generator,
         )
         actor, critic, metrics = policy_losses(self.policy, rollout, t)
-        metrics['grad/policy'] = update_policy(self.policy, self.policy_optimiser, actor + critic, t)
+        metrics['grad/policy'] = update_policy(self.policy, self.policy_optimiser, actor + critic, t, factor)
         return metrics
 
     def modules(self) -> dict[str, torch.nn.Module]:

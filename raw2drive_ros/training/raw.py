@@ -120,15 +120,16 @@ class RawTrainer:
             raise KeyError(f'losses {sorted(losses)} do not match weights {sorted(weights)}')
         return torch.stack([weights[name] * losses[name].mean() for name in weights]).sum()
 
-    def step(self, batch: Batch) -> dict[str, float]:
+    def step(self, batch: Batch, factor: float = 1.0) -> dict[str, float]:
+        """One gradient step of each network; factor: of the learning rates."""
         t = self.config.train
         losses, pair = self.model_losses(batch)
         metrics = {f'loss/{name}': float(value.detach().mean()) for name, value in losses.items()}
-        metrics['grad/model'] = self.model_optimiser.step(self.weigh(losses))
+        metrics['grad/model'] = self.model_optimiser.step(self.weigh(losses), factor)
         self.steps += 1
         if t.policy_init != 'frozen' and self.steps > t.policy_after and self.steps % t.policy_every == 0:
             for _ in range(t.policy_updates):
-                metrics |= self.policy_step(pair, batch)
+                metrics |= self.policy_step(pair, batch, factor)
         return metrics
 
     def distill_weight(self) -> float:
@@ -137,7 +138,7 @@ class RawTrainer:
         part = min(1.0, self.steps / max(1, self.total_steps))
         return t.distill + (t.distill_end - t.distill) * part
 
-    def policy_step(self, pair: PairedRollout, batch: Batch) -> dict[str, float]:
+    def policy_step(self, pair: PairedRollout, batch: Batch, factor: float = 1.0) -> dict[str, float]:
         """Actor-critic in the raw model's imagination, judged by the privileged heads in lock-step."""
         t = self.config.train
         start, (guide_deter,) = choose_starts(pair.raw, (pair.privileged.deter,), batch.cont, t.starts, self.generator)
@@ -162,7 +163,7 @@ class RawTrainer:
         weight = self.distill_weight()
         metrics |= {'loss/distill': float(distill.detach()), 'policy/distill_weight': weight}
         total = actor + critic + weight * distill
-        metrics['grad/policy'] = update_policy(self.policy, self.policy_optimiser, total, t)
+        metrics['grad/policy'] = update_policy(self.policy, self.policy_optimiser, total, t, factor)
         return metrics
 
     def modules(self) -> dict[str, torch.nn.Module]:

@@ -25,6 +25,7 @@ from raw2drive_ros.training.checkpoint import (
     save_checkpoint,
 )
 from raw2drive_ros.training.config import RunConfig, make_config
+from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.pictures import save_pictures
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
@@ -161,7 +162,8 @@ def _loop(trainer: Trainer, replay: Replay, folder: RunFolder, steps: int, repor
     started = time.perf_counter()
     while trainer.steps < steps:
         batch = replay.sample(size, images=raw)
-        metrics = trainer.step(batch)
+        factor = decay_factor(trainer.steps, steps, t.decay_share, t.decay_end)
+        metrics = trainer.step(batch, factor) | {'learning_rate/factor': factor}
         for name, value in metrics.items():
             sums.setdefault(name, []).append(value)
         if trainer.steps % t.log_every == 0 or trainer.steps == steps:

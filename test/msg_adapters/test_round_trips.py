@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msg_adapters import commands, diagnostics, named_values, privileged, sensors
+from msg_adapters import commands, compressed, diagnostics, named_values, privileged, sensors
 from msg_adapters.factory import RclpyFactory, RosbagsFactory
 from msg_adapters.stamps import set_stamp, stamp_ns
 from raw2drive_ros.bev_channels import CHANNEL_COUNT
@@ -80,6 +80,34 @@ def test_image(factory, seed, height, width) -> None:
     sensors.fill_image(message, image, 5)
     assert np.array_equal(sensors.image_from_message(message), image)
     assert message.header.frame_id == 'camera_front_optical'
+
+
+@factories
+@given(seed=st.integers(0, 2**31), height=st.integers(1, 40), width=st.integers(1, 40))
+@settings(max_examples=20)
+def test_compressed_image(factory, seed, height, width) -> None:
+    noise = np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    exact = compressed.compressed_image_to_message(factory, 'front', noise, 5, 'png')
+    assert np.array_equal(compressed.image_from_compressed_message(exact), noise)
+    assert stamp_ns(exact.header.stamp) == 5
+    assert exact.format == 'rgb8; png compressed bgr8'
+    flat = np.full((height, width, 3), noise[0, 0])
+    lossy = compressed.image_from_compressed_message(compressed.compressed_image_to_message(factory, 'front', flat, 5))
+    assert lossy.shape == flat.shape
+    assert np.abs(lossy.astype(int) - flat).max() <= 4, 'red and blue must not change places'
+
+
+@pytest.mark.parametrize('data', [b'', b'not an image'])
+def test_bytes_that_are_no_image_are_refused(data) -> None:
+    message = FACTORIES['rclpy'].new('sensor_msgs/msg/CompressedImage')
+    message.data = data
+    with pytest.raises(ContractError, match='cannot be decoded'):
+        compressed.image_from_compressed_message(message)
+
+
+def test_unknown_compression_is_refused() -> None:
+    with pytest.raises(ContractError, match='jpeg, png'):
+        compressed.compressed_image_to_message(FACTORIES['rosbags'], 'front', np.zeros((4, 4, 3), np.uint8), 0, 'webp')
 
 
 def test_filling_an_image_keeps_the_one_fast_buffer() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from raw2drive_ros import topics
 from raw2drive_ros.cli.demo import GraphJob, drive_graph
 from raw2drive_ros.cli.graph import DomainBusyError, GraphError, reserve_domain, running_graph
 from raw2drive_ros.evaluation.drivers import make_driver
@@ -66,6 +67,19 @@ def test_the_bag_is_whole_and_replays_to_the_same_decisions(driven, bundle) -> N
     verification = verify_bag(out / 'bag', bundle)
     assert verification.equal, verification.text
     assert verification.compared == len(ticks)
+
+
+def test_compressed_images_drive_are_recorded_and_replay_to_the_same_decisions(bundle, tmp_path) -> None:
+    job = GraphJob(tmp_path, 'LaneFollowing/4', max_ticks=15, image_transport='compressed')
+    with reserve_domain(None) as domain:
+        result = drive_graph(job, bundle, domain)
+    assert result['timing']['messages_lost'] == 0
+    found = {row['topic'] for row in bag_info(tmp_path / 'bag')['topics']}
+    assert topics.compressed_topic('back') in found
+    assert topics.image_topic('back') not in found
+    verification = verify_bag(tmp_path / 'bag', bundle)
+    assert verification.equal, verification.text
+    assert verification.compared == 16
 
 
 def test_two_graphs_cannot_share_a_domain() -> None:

@@ -1,16 +1,20 @@
 """Both stages learn one batch by heart, resume exactly, and leave the teacher alone."""
 
 import copy
+import math
 
 import pytest
 import torch
 
+from raw2drive_ros.evaluation.collect import CollectConfig, collect
+from raw2drive_ros.evaluation.drivers import RuleEpisodes
 from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.recording.dataset import load_bags, rig_of
 from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.training.checkpoint import CheckpointError, newest_checkpoint
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.imagination import imagine
+from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
@@ -139,6 +143,19 @@ def test_stage_2_without_a_teacher_is_a_clear_error(workspace, bags, tmp_path) -
         train('raw', tmp_path / 'run', [bags], workspace / 'cache', 1, 'nano', NANO, tmp_path / 'nowhere')
 
 
+def test_the_learning_rate_is_constant_and_then_falls_linearly() -> None:
+    factors = [decay_factor(step, 100, 0.4, 0.1) for step in (0, 60, 80, 100, 150)]
+    assert factors == pytest.approx([1.0, 1.0, 0.55, 0.1, 0.1])
+    assert decay_factor(100, 100, 0.0, 0.1) == 1.0
+
+
+def test_a_factor_of_zero_moves_no_weight(replay) -> None:
+    trainer = PrivilegedTrainer(make_config('nano'))
+    before = copy.deepcopy(trainer.model.state_dict())
+    trainer.step(replay.sample(2), factor=0.0)
+    assert all(torch.equal(before[k], v) for k, v in trainer.model.state_dict().items())
+
+
 def test_wrong_field_is_named() -> None:
     with pytest.raises(ConfigError, match='learning_rate'):
         make_config('nano', {'learning_rate': 1})
@@ -146,7 +163,23 @@ def test_wrong_field_is_named() -> None:
         make_config('huge')
 
 
-def test_paper_preset_is_valid_and_keeps_43_classes() -> None:
-    config = make_config('paper').model
-    assert len(config.mask_classes) == 43
-    assert (config.deter, config.stoch, config.grid) == (6144, 32, 16)
+def test_paper_preset_keeps_43_classes_and_takes_a_step_of_both_stages(tmp_path) -> None:
+    """The paper's sizes (150 million weights in stage 1) on a batch as small as can be."""
+    config = make_config('paper', {'threads': 1, 'starts': 2, 'horizon': 2})
+    model = config.model
+    assert len(model.mask_classes) == 43
+    assert (model.deter, model.stoch, model.grid) == (6144, 32, 16)
+    collecting = CollectConfig(('LaneFollowing',), ticks=3, episode_ticks=3, image_size=model.image_size)
+    for _ in collect(tmp_path / 'bags', collecting, RuleEpisodes(), {'driver': 'rule'}):
+        pass
+    bags = load_bags(find_bags([tmp_path / 'bags']), tmp_path / 'cache', model, cameras=True)
+    batch = Replay(bags, MaskCodec(model), 2, 0.0, 0).sample(1, images=True)
+    teacher = PrivilegedTrainer(config)
+    raw = RawTrainer(config, teacher, rig_of(bags[0].path), 1)
+    for trainer in (raw, teacher):
+        before = next(trainer.model.decoder.parameters()).detach().clone()
+        teacher.model.requires_grad_(trainer is teacher)
+        teacher.policy.requires_grad_(trainer is teacher)
+        metrics = trainer.step(batch)
+        assert all(math.isfinite(value) for value in metrics.values()), metrics
+        assert not torch.equal(before, next(trainer.model.decoder.parameters()))

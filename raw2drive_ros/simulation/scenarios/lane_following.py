@@ -17,11 +17,15 @@ def _winding_pieces(rng: Rng, sections: int) -> tuple[Piece, ...]:
             pieces += [Curve(radius, angle), Straight(float(rng.uniform(15, 35)))]
         else:
             turn = str(rng.choice(('left', 'right', 'ahead')))
-            others = [arm for arm in ('left', 'right', 'ahead') if arm != turn]
-            drop = str(rng.choice([*others, 'none']))
-            arms = tuple(arm for arm in ('left', 'right', 'ahead') if arm != drop)
-            pieces += [Junction(turn, arms), Straight(float(rng.uniform(20, 40)))]
+            pieces += [Junction(turn, _arms(rng, turn)), Straight(float(rng.uniform(20, 40)))]
     return tuple(pieces)
+
+
+def _arms(rng: Rng, turn: str) -> tuple[str, ...]:
+    """The arms of a junction: all three, or all but one that the route does not take."""
+    others = [arm for arm in ('left', 'right', 'ahead') if arm != turn]
+    drop = str(rng.choice([*others, 'none']))
+    return tuple(arm for arm in ('left', 'right', 'ahead') if arm != drop)
 
 
 @scenario('LaneFollowing')
@@ -29,3 +33,13 @@ def lane_following(rng: Rng) -> Scene:
     """Curves and junction turns on an empty two-way road."""
     pieces = _winding_pieces(rng, sections=4)
     return Scene(RoadLayout(pieces, 1, 1, speed_limit_mps=float(rng.uniform(7, 11))))
+
+
+@scenario('JunctionTurns')
+def junction_turns(rng: Rng) -> Scene:
+    """Three junctions in a row, turned at more often than not: where drivers of empty roads fail most."""
+    pieces: list[Piece] = [Straight(float(rng.uniform(20, 35)))]
+    for _ in range(3):
+        turn = str(rng.choice(('left', 'left', 'right', 'right', 'ahead')))
+        pieces += [Junction(turn, _arms(rng, turn)), Straight(float(rng.uniform(20, 35)))]
+    return Scene(RoadLayout(tuple(pieces), 1, 1, speed_limit_mps=float(rng.uniform(7, 11))))
