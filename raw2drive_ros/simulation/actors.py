@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from raw2drive_ros.simulation.world import World
 
 LOOK_AHEAD_M = 50.0
+DOOR_OPENS_IN_S = 0.6
 
 # kind: (length, width, height) in metres.
 SIZES_M = {
@@ -31,6 +32,8 @@ SIZES_M = {
     'cone': (0.45, 0.45, 0.8),
     'parked': (4.6, 1.9, 1.5),
     'parked_van': (5.6, 2.1, 2.5),
+    'parked_emergency': (5.4, 2.1, 2.2),
+    'door': (0.15, 0.95, 1.35),
 }
 
 
@@ -38,7 +41,8 @@ SIZES_M = {
 class Script:
     """An effect that starts when its trigger fires, once.
 
-    Triggers (any that is set): `ego_within_m` of the actor, `ego_at_s_m` along the route, `time_s`.
+    Triggers (any that is set): `ego_within_m` of the actor, `ego_at_s_m` along the route, `time_s`;
+    the effect follows `delay_s` later.
     Effects: `acceleration_mps2` (until `until_speed_mps`), `target_speed_mps`, or a drift of the path
     by `drift_m` to the left over `drift_over_m` metres.
     """
@@ -51,9 +55,17 @@ class Script:
     target_speed_mps: float | None = None
     drift_m: float = 0.0
     drift_over_m: float = 25.0
+    delay_s: float = 0.0
+    due_s: float | None = field(default=None, init=False)
     fired_at_s_m: float | None = field(default=None, init=False)
 
     def fires(self, world: World, actor: Vehicle) -> bool:
+        """Is the effect on, from this step on?"""
+        if self.due_s is None and self._triggered(world, actor):
+            self.due_s = world.time_s + self.delay_s
+        return self.due_s is not None and world.time_s >= self.due_s
+
+    def _triggered(self, world: World, actor: Vehicle) -> bool:
         ego = world.ego
         return bool(
             (self.ego_within_m is not None and math.hypot(*(actor.position - ego.position)) < self.ego_within_m)
@@ -176,6 +188,7 @@ _SCRIPT_FIELDS = (
     'target_speed_mps',
     'drift_m',
     'drift_over_m',
+    'delay_s',
 )
 
 
@@ -185,7 +198,7 @@ def _ease(part: float) -> float:
 
 
 class Walker(Vehicle):
-    """A pedestrian who crosses from one lateral offset of the route to another when the ego comes near."""
+    """A pedestrian (or cyclist) who crosses from one lateral offset of the route to another when the ego comes near."""
 
     def __init__(
         self,
@@ -196,13 +209,14 @@ class Walker(Vehicle):
         speed_mps: float,
         trigger_m: float,
         colour: int = 0,
+        kind: str = 'walker',
     ) -> None:
         x, y, yaw = route.pose(s_m, from_m)
         heading = yaw + math.copysign(math.pi / 2, to_m - from_m)
         super().__init__(None, (x, y), heading, 0.0)
-        self.kind = 'walker'
+        self.kind = kind
         self.colour = colour
-        self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M['walker']
+        self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M[kind]
         self.route, self.route_s_m = route, s_m
         self.left_to_walk_m = abs(to_m - from_m)
         self.walk_speed = speed_mps
@@ -241,6 +255,31 @@ class StandingObject(Obstacle):
 
     def step(self, dt: float) -> None:
         """Nothing moves."""
+
+
+class CarDoor(StandingObject):
+    """The door of a parked car: shut (inside the car's outline) until the ego is `trigger_m` away, then open."""
+
+    def __init__(self, route: Path, s_m: float, hinge_m: float, trigger_m: float, colour: int = 0) -> None:
+        self.side = math.copysign(1.0, -hinge_m)
+        self.shut_m, self.open_m = hinge_m - self.side * 0.5, hinge_m + self.side * 0.45
+        x, y, yaw = route.pose(s_m, self.shut_m)
+        super().__init__(x, y, yaw, 'door', colour)
+        self.route, self.route_s_m, self.trigger_m = route, s_m, trigger_m
+        self.opening = False
+        self.part = 0.0
+
+    def think(self, world: World) -> None:
+        ahead = self.route_s_m - world.route_s_m
+        self.opening = self.opening or 0.0 < ahead < self.trigger_m
+
+    def step(self, dt: float) -> None:
+        if not self.opening or self.part >= 1.0:
+            return
+        self.part = min(1.0, self.part + dt / DOOR_OPENS_IN_S)
+        lateral = self.shut_m + self.part * (self.open_m - self.shut_m)
+        x, y, _ = self.route.pose(self.route_s_m, lateral)
+        self.position[:] = (x, y)
 
 
 Actor = PathVehicle | Walker | StandingObject

@@ -42,6 +42,8 @@ CLASS_OF = {
     'parked': 'vehicle',
     'parked_van': 'vehicle',
     'emergency': 'emergency_vehicle',
+    'parked_emergency': 'emergency_vehicle',
+    'door': 'obstacle',
     'cyclist': 'cyclist',
     'walker': 'walker',
     'barrier': 'obstacle',

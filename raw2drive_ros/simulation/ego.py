@@ -49,6 +49,8 @@ class EgoVehicle(Vehicle):
         self.brake = 0.0
         self.steer = 0.0
         self.yaw_rate = 0.0
+        self.steer_push = 0.0
+        self.grip = 1.0
         self.acceleration_body = (0.0, 0.0)
 
     def act(self, action: dict[str, float] | str | None = None) -> None:
@@ -59,7 +61,9 @@ class EgoVehicle(Vehicle):
         pedal = 1.0 - math.exp(-dt / p.pedal_time_constant_s)
         self.throttle += pedal * (command.throttle - self.throttle)
         self.brake += pedal * (command.brake - self.brake)
-        self.steer += (1.0 - math.exp(-dt / p.steer_time_constant_s)) * (command.steer - self.steer)
+        self.steer += (1.0 - math.exp(-dt / p.steer_time_constant_s)) * (
+            min(max(command.steer + self.steer_push, -1.0), 1.0) - self.steer
+        )
 
         old_speed, old_yaw = self.speed, self.heading
         old_beta = math.atan(0.5 * math.tan(self.steer * p.max_steer_rad))
@@ -83,10 +87,10 @@ class EgoVehicle(Vehicle):
     def _next_speed(self, dt: float) -> float:
         """Drive force up to a power limit, then brake and drag, neither of which can reverse the motion."""
         p, v = self.parameters, self.speed
-        drive = min(p.drive_acceleration_mps2, p.drive_power_mps3 / max(abs(v), 1e-6)) * self.throttle
+        drive = min(p.drive_acceleration_mps2, p.drive_power_mps3 / max(abs(v), 1e-6)) * self.throttle * self.grip
         if self.command.reverse:
             drive = -drive if v > -p.reverse_top_speed_mps else 0.0
-        resist = self.brake * p.brake_deceleration_mps2
+        resist = self.brake * p.brake_deceleration_mps2 * self.grip
         if abs(v) > 1e-9 or drive != 0.0:
             resist += p.drag_constant_mps2 + p.drag_linear_1ps * abs(v) + p.drag_quadratic_1pm * v * v
         pushed = v + drive * dt

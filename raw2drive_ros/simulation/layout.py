@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 LANE_WIDTH_M = 3.5
@@ -11,10 +12,12 @@ CORNER_RADIUS_M = 7.0
 
 @dataclass(frozen=True, slots=True)
 class Straight:
-    """A straight piece; `ramp` adds an acceleration lane on the right with a ramp that leads into it."""
+    """A straight piece. `ramp` adds an acceleration lane on the right with a ramp that leads into it; `exit` a
+    deceleration lane on the right with a ramp that leads away."""
 
     length_m: float
     ramp: bool = False
+    exit: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +42,14 @@ class Junction:
             raise ValueError(f'Junction: turn {self.turn!r} must be one of arms {self.arms}, all in {known}')
         if self.control not in ('none', 'light', 'stop', 'yield'):
             raise ValueError(f'Junction: unknown control {self.control!r}')
+
+
+def turn_length_m(turn: str, lanes: int = 1, lane: int = 0) -> float:
+    """Length of a lane through a junction of roads with `lanes` lanes each way."""
+    half, offset = lanes * LANE_WIDTH_M + CORNER_RADIUS_M, (lane + 0.5) * LANE_WIDTH_M
+    if turn == 'ahead':
+        return 2.0 * half
+    return (half + offset if turn == 'left' else half - offset) * math.pi / 2
 
 
 Piece = Straight | Curve | Junction

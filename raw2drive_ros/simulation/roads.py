@@ -62,6 +62,7 @@ class RoadMap:
     backward: list[Edge] = field(default_factory=list)
     ramp: list[Edge] = field(default_factory=list)
     ramp_piece: int = -1
+    exit: list[Edge] = field(default_factory=list)
     junctions: list[JunctionSite] = field(default_factory=list)
     surfaces_m: list[Float64] = field(default_factory=list)
     sidewalks_m: list[Float64] = field(default_factory=list)
@@ -96,6 +97,10 @@ class RoadMap:
         on_ramp = self.path(self.ramp)
         merged = self.path(self.forward[self.ramp_piece + 1 :], right)
         return Path(np.concatenate([on_ramp.points_m, merged.points_m]))
+
+    def exit_path(self) -> Path:
+        """The exit ramp, from where its deceleration lane leaves the road."""
+        return self.path(self.exit[1:])
 
     def crossing_path(self, junction: int, source: str, target: str, lane: int = 0) -> Path:
         """Traffic over a junction between arms: left, right, ahead, or `back` (where the ego comes from)."""
@@ -171,6 +176,8 @@ class RoadBuilder:
                 pose = self._section(index, pose, length, curvature)
                 if isinstance(piece, Straight) and piece.ramp:
                     self._ramp(index, pose, piece.length_m)
+                if isinstance(piece, Straight) and piece.exit:
+                    self._exit(index, pose, piece.length_m)
         self._reject_overlap()
         for zebra_s in self.layout.zebras_m:
             self._zebra(zebra_s)
@@ -310,14 +317,7 @@ class RoadBuilder:
         self._add((f'r{index}c', f'r{index}d'), join, length - blend_m, 0.0)
         road.ramp = [(f'r{index}a', f'r{index}b'), (f'r{index}b', f'r{index}c'), (f'r{index}c', f'r{index}d')]
         road.ramp_piece = index
-        for edge in road.ramp:
-            lane = road.lane(edge, 0)
-            half = LANE_WIDTH_M / 2
-            road.surfaces_m.append(self._strip(lane, half, -half - layout.shoulder_m))
-            road.sidewalks_m.append(self._strip(lane, half + 1, -half - layout.shoulder_m - 2))
-            road.markings.append(Marking('white', lane.centre_line(SAMPLE_M, -half)))
-            if edge != road.ramp[-1]:
-                road.markings.append(Marking('white', lane.centre_line(SAMPLE_M, half)))
+        self._pave_side_lanes(road.ramp, beside=road.ramp[-1])
         taper = [
             _advance(end, -blend_m, -layout.forward_lanes * LANE_WIDTH_M)[:2],
             _advance(end, -blend_m, offset - LANE_WIDTH_M / 2)[:2],
@@ -325,7 +325,45 @@ class RoadBuilder:
         ]
         road.surfaces_m.append(np.array(taper))
         road.markings.append(Marking('white', np.array(taper[1:])))
-        # The edge line beside the acceleration lane becomes a dashed one.
+        self._dash_edge_line(start)
+
+    def _exit(self, index: int, end: Pose, length: float) -> None:
+        """A deceleration lane right of the section that ends at `end`, and a ramp that bends away."""
+        road, layout = self.road, self.layout
+        start = _advance(end, -length)
+        offset = -(layout.forward_lanes + 0.5) * LANE_WIDTH_M
+        angle, radius, blend_m = math.radians(16.0), 110.0, 30.0
+        lane_start = _advance(start, blend_m, offset)
+        leave = _advance(end, 0.0, offset)
+        arc = ArcLane(leave[:2], leave[2], radius * angle, -1 / radius, 1, 1)
+        self._add((f'x{index}a', f'x{index}b'), lane_start, length - blend_m, 0.0)
+        self._add((f'x{index}b', f'x{index}c'), leave, radius * angle, -1 / radius)
+        self._add((f'x{index}c', f'x{index}d'), arc.pose(arc.length), 70.0, 0.0)
+        road.exit = [(f'x{index}a', f'x{index}b'), (f'x{index}b', f'x{index}c'), (f'x{index}c', f'x{index}d')]
+        self._pave_side_lanes(road.exit, beside=road.exit[0])
+        taper = [
+            _advance(start, blend_m, -layout.forward_lanes * LANE_WIDTH_M)[:2],
+            _advance(start, blend_m, offset - LANE_WIDTH_M / 2)[:2],
+            _advance(start, 0.0, -layout.forward_lanes * LANE_WIDTH_M)[:2],
+        ]
+        road.surfaces_m.append(np.array(taper))
+        road.markings.append(Marking('white', np.array(taper[1:])))
+        self._dash_edge_line(start)
+
+    def _pave_side_lanes(self, edges: list[Edge], beside: Edge) -> None:
+        """Asphalt and edge lines of a ramp; the lane `beside` the road has no line on its left."""
+        road, half, shoulder = self.road, LANE_WIDTH_M / 2, self.layout.shoulder_m
+        for edge in edges:
+            lane = road.lane(edge, 0)
+            road.surfaces_m.append(self._strip(lane, half, -half - shoulder))
+            road.sidewalks_m.append(self._strip(lane, half + 1, -half - shoulder - 2))
+            road.markings.append(Marking('white', lane.centre_line(SAMPLE_M, -half)))
+            if edge != beside:
+                road.markings.append(Marking('white', lane.centre_line(SAMPLE_M, half)))
+
+    def _dash_edge_line(self, start: Pose) -> None:
+        """The edge line of the section that starts at `start`, beside an added lane, becomes a dashed one."""
+        road, layout = self.road, self.layout
         edge_line = road.markings.pop(
             next(
                 i

@@ -33,20 +33,25 @@ class UnknownScenarioError(KeyError):
 
 @dataclass(frozen=True, slots=True)
 class LaneChange:
-    """Move the route to lane `to_lane` between `s_m` and `s_m + over_m`."""
+    """Move the route to lane `to_lane` between `s_m` and `s_m + over_m`. -1 is the oncoming lane next to the
+    centre line; fractions keep the car between lanes."""
 
     s_m: float
-    to_lane: int
+    to_lane: float
     over_m: float = 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class RouteSpec:
-    """The ego's route: along the forward chain (or from the ramp), in a lane, with lane changes."""
+    """The ego's route: along the forward chain (or from the ramp, or to the exit), in a lane, with lane changes.
 
-    lane: int = 0
+    lane: where it starts; a fraction is a place beside the lanes, e.g. a parking bay.
+    """
+
+    lane: float = 0
     changes: tuple[LaneChange, ...] = ()
     from_ramp: bool = False
+    to_exit: bool = False
     start_s_m: float = 6.0
     start_speed_mps: float = 0.0
     end_before_m: float = 3.0
@@ -72,13 +77,14 @@ class TrafficSpec:
 
 @dataclass(frozen=True, slots=True)
 class WalkerSpec:
-    """A pedestrian beside the route at `s_m`, who crosses from `from_m` to `to_m` (left positive)."""
+    """A pedestrian or cyclist beside the route at `s_m`, who crosses from `from_m` to `to_m` (left positive)."""
 
     s_m: float
     from_m: float
     to_m: float
     speed_mps: float
     trigger_m: float
+    kind: str = 'walker'
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +95,29 @@ class StandingSpec:
     s_m: float
     lateral_m: float
     yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DoorSpec:
+    """The door of a car parked at `s_m`, whose side facing the route is at `hinge_m` (left positive)."""
+
+    s_m: float
+    hinge_m: float
+    trigger_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class DisturbanceSpec:
+    """Between `s_m` and `s_m + length_m` of the route: steering is pushed by `steer` (share of full lock) and
+    only a share `grip` of drive and brake force reaches the road."""
+
+    s_m: float
+    length_m: float
+    steer: float
+    grip: float = 1.0
+
+
+ActorSpec = TrafficSpec | WalkerSpec | StandingSpec | DoorSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,10 +140,11 @@ class Scene:
 
     layout: RoadLayout
     route: RouteSpec = RouteSpec()
-    actors: tuple[TrafficSpec | WalkerSpec | StandingSpec, ...] = ()
+    actors: tuple[ActorSpec, ...] = ()
     lights: tuple[LightSpec, ...] = ()
     stop_signs: tuple[StopSignSpec, ...] = ()
     time_limit_s: float | None = None
+    disturbances: tuple[DisturbanceSpec, ...] = ()
 
 
 def no_extra_rule(world: World) -> str | None:

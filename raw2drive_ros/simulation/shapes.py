@@ -79,9 +79,9 @@ def actor_shape(kind: str, colour: int, braking: bool) -> Shape:
     length, width, height = SIZES_M[kind]
     half_l, half_w = length / 2, width / 2
     paint = tuple(PALETTE[colour % len(PALETTE)])
-    if kind in ('car', 'parked', 'van', 'parked_van', 'emergency'):
-        tall = kind in ('van', 'parked_van', 'emergency')
-        if kind == 'emergency':
+    if kind in ('car', 'parked', 'van', 'parked_van', 'emergency', 'parked_emergency'):
+        tall = kind not in ('car', 'parked')
+        if kind.endswith('emergency'):
             paint = (240.0, 240.0, 235.0)
         waist = height * (0.75 if tall else 0.6)
         quads = _box((-half_l, half_l), (-half_w, half_w), (0.25, waist), paint)
@@ -93,7 +93,7 @@ def actor_shape(kind: str, colour: int, braking: bool) -> Shape:
             y = sorted((side * half_w * 0.55, side * half_w * 0.98))
             quads.append(_plate(-half_l - 0.02, (y[0], y[1]), lamps_z, lamp, front=False))
             quads.append(_plate(half_l + 0.02, (y[0], y[1]), lamps_z, HEADLAMP, front=True))
-        if kind == 'emergency':
+        if kind.endswith('emergency'):
             quads += _box((-0.3, 0.3), (-half_w * 0.8, 0.0), (height, height + 0.25), (20.0, 60.0, 255.0))
             quads += _box((-0.3, 0.3), (0.0, half_w * 0.8), (height, height + 0.25), (255.0, 30.0, 30.0))
             quads += _box((-half_l, half_l), (-half_w - 0.01, half_w + 0.01), (0.8, 1.1), (210.0, 40.0, 30.0))
@@ -114,6 +114,8 @@ def actor_shape(kind: str, colour: int, braking: bool) -> Shape:
         quads += _box((-0.14, 0.14), (-0.14, 0.14), (0.1, 0.5), (255.0, 110.0, 20.0))
         quads += _box((-0.07, 0.07), (-0.07, 0.07), (0.5, 0.8), (250.0, 250.0, 250.0))
         return _shape(quads)
+    if kind == 'door':
+        return _shape(_box((-half_l, half_l), (-half_w, half_w), (0.3, height), paint))
     if kind == 'barrier':
         quads = _box((-half_l, half_l), (-half_w, half_w), (0.0, 0.6), (230.0, 225.0, 220.0))
         quads += _box((-half_l, half_l), (-half_w, half_w), (0.6, height), (220.0, 60.0, 30.0))

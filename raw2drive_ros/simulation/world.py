@@ -8,13 +8,15 @@ from collections import deque
 import numpy as np
 
 from raw2drive_ros.contract import Control, Float64
-from raw2drive_ros.simulation.actors import Actor, PathVehicle, StandingObject, Walker
+from raw2drive_ros.simulation.actors import Actor, CarDoor, PathVehicle, StandingObject, Walker
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M, Straight
-from raw2drive_ros.simulation.path import Path, smooth_step
-from raw2drive_ros.simulation.roads import LayoutError, RoadMap, build_road
+from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
+from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
+from raw2drive_ros.simulation.roads import ARM_TURN_RAD, LayoutError, RoadMap, build_road
 from raw2drive_ros.simulation.scenario import (
     DRAW_ATTEMPTS,
+    ActorSpec,
+    DoorSpec,
     LightSpec,
     Rng,
     Scenario,
@@ -63,6 +65,7 @@ class World:
         """One physics step of 1 / PHYSICS_HZ: everybody decides on the same world, then moves."""
         dt = 1.0 / PHYSICS_HZ
         self.ego.command = control
+        self._disturb()
         for actor in self.actors:
             actor.think(self)
         self.ego.step(dt)
@@ -79,6 +82,12 @@ class World:
         for sign in self.stop_signs:
             sign.update(self.front_s_m, self.ego.speed)
         self._refresh()
+
+    def _disturb(self) -> None:
+        self.ego.steer_push, self.ego.grip = 0.0, 1.0
+        for patch in self.scene.disturbances:
+            if patch.s_m <= self.route_s_m < patch.s_m + patch.length_m:
+                self.ego.steer_push, self.ego.grip = patch.steer, patch.grip
 
     @property
     def front_s_m(self) -> float:
@@ -136,10 +145,14 @@ class World:
         )
         return line_s - 0.6, pole
 
-    def _actor(self, spec: TrafficSpec | WalkerSpec | StandingSpec, rng: Rng) -> Actor:
+    def _actor(self, spec: ActorSpec, rng: Rng) -> Actor:
         colour = int(rng.integers(0, 8))
         if isinstance(spec, WalkerSpec):
-            return Walker(self.route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.trigger_m, colour)
+            return Walker(
+                self.route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.trigger_m, colour, spec.kind
+            )
+        if isinstance(spec, DoorSpec):
+            return CarDoor(self.route, spec.s_m, spec.hinge_m, spec.trigger_m, colour)
         if isinstance(spec, StandingSpec):
             x, y, yaw = self.route.pose(spec.s_m, spec.lateral_m)
             return StandingObject(x, y, yaw + spec.yaw_rad, spec.kind, colour)
@@ -147,11 +160,9 @@ class World:
         waits = ()
         if spec.obeys_light and self.lights:
             light = self.lights[0]
-            if isinstance(spec.on, tuple) and spec.on[0] in ('left', 'right'):
-                entry = path.length_m - self._length_after_inlet(spec, path)
-                waits = ((entry, lambda: light.colour != 'red'),)
-            else:
-                waits = ((light.line_s_m, lambda: light.colour != 'green'),)
+            crosses = isinstance(spec.on, tuple) and spec.on[0] in ('left', 'right')
+            entry = self._stop_line_s_m(spec, path)
+            waits = ((entry, lambda: light.colour != 'red' if crosses else light.colour != 'green'),)
         target = spec.speed_mps if spec.target_speed_mps is None else spec.target_speed_mps
         return PathVehicle(
             path,
@@ -166,15 +177,14 @@ class World:
             spec.lateral_m,
         )
 
-    def _length_after_inlet(self, spec: TrafficSpec, path: Path) -> float:
-        """Length of a crossing path from its stop line on."""
+    def _stop_line_s_m(self, spec: TrafficSpec, path: Path) -> float:
+        """Arc length on a vehicle's path of its stop line before junction `spec.junction`."""
         site = self.road.junctions[spec.junction]
-        arm = spec.on[0]
-        turn = {'left': math.pi / 2, 'right': -math.pi / 2}[arm]
-        yaw = site.heading_rad + turn
+        arm = spec.on[0] if isinstance(spec.on, tuple) else 'back'
+        yaw = site.heading_rad + (math.pi if arm == 'back' else ARM_TURN_RAD[arm])
         x = site.centre_m[0] + (site.half_size_m + 0.6) * math.cos(yaw)
         y = site.centre_m[1] + (site.half_size_m + 0.6) * math.sin(yaw)
-        return path.length_m - path.project(x, y)[0]
+        return path.project(x, y)[0]
 
     def _traffic_path(self, spec: TrafficSpec) -> Path:
         if spec.on == 'forward':
@@ -202,20 +212,36 @@ def _route_path(scene: Scene, road: RoadMap) -> Path:
     spec = scene.route
     if spec.from_ramp:
         return road.ramp_path()
-    path = road.forward_path(spec.lane)
+    path = road.forward_path(round(spec.lane))
     if not spec.changes:
         return path
-    if not all(isinstance(piece, Straight) for piece in scene.layout.pieces):
-        raise ValueError('RouteSpec: lane changes need straight pieces')
+    last = max(change.s_m + change.over_m for change in spec.changes)
+    if not _straight_until(scene.layout, last):
+        raise ValueError(f'RouteSpec: lane changes need straight pieces, here up to {last:.0f} m')
 
     def lateral(s_m: float) -> float:
-        lane, offset = spec.lane, 0.0
+        lane, offset = spec.lane, -(spec.lane - round(spec.lane)) * LANE_WIDTH_M
         for change in spec.changes:
             offset -= (change.to_lane - lane) * LANE_WIDTH_M * smooth_step(s_m, change.s_m, change.over_m)
             lane = change.to_lane
         return offset
 
-    return path.shifted(lateral)
+    shifted = path.shifted(lateral)
+    if not spec.to_exit:
+        return shifted
+    away = road.exit_path()
+    end_s_m, _ = shifted.project(float(away.points_m[0, 0]), float(away.points_m[0, 1]))
+    return Path(np.concatenate([shifted.points_m[: int(end_s_m / SPACING_M)], away.points_m]))
+
+
+def _straight_until(layout: RoadLayout, s_m: float) -> bool:
+    for piece in layout.pieces:
+        if s_m <= 0.0:
+            return True
+        if not isinstance(piece, Straight):
+            return False
+        s_m -= piece.length_m
+    return True
 
 
 def _speed_profile(route: Path, limit_mps: float) -> Float64:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from raw2drive_ros.simulation.actors import Script
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M, Curve, Junction, RoadLayout, Straight
+from raw2drive_ros.simulation.layout import LANE_WIDTH_M, Curve, Junction, RoadLayout, Straight, turn_length_m
 from raw2drive_ros.simulation.scenario import (
+    DisturbanceSpec,
+    LightSpec,
     Rng,
     RouteSpec,
     Scene,
@@ -103,3 +105,119 @@ def pedestrian_crossing(rng: Rng) -> Scene:
         )
     layout = RoadLayout((Straight(150),), 1, 1, float(rng.uniform(8, 11)), 2.0, zebras_m=(where,))
     return Scene(layout, RouteSpec(start_speed_mps=5.0), tuple(walkers))
+
+
+@scenario('ParkingCrossingPedestrian', 'EmergencyBrake')
+def parking_crossing_pedestrian(rng: Rng) -> Scene:
+    """A pedestrian steps out between two cars of a parked row."""
+    where = float(rng.uniform(60, 95))
+    aside = -(LANE_WIDTH_M / 2 + 1.2)
+    row = tuple(StandingSpec('parked', where + gap, aside) for gap in (-17.5, -10.5, -3.4, 4.2, 11.5))
+    walker = WalkerSpec(where, -4.2, 18.0, float(rng.uniform(1.2, 2.0)), float(rng.uniform(18, 26)))
+    layout = RoadLayout((Straight(150),), 1, 1, float(rng.uniform(8, 11)), shoulder_m=3.0)
+    return Scene(layout, RouteSpec(start_speed_mps=5.0), (*row, walker))
+
+
+@scenario('StaticCutIn', 'EmergencyBrake')
+def static_cut_in(rng: Rng) -> Scene:
+    """The right lane is a standing queue; one car of it cuts into the ego's lane."""
+    where = float(rng.uniform(60, 90))
+    queue = tuple(StandingSpec('parked', where + gap, -LANE_WIDTH_M) for gap in (-22.0, -14.5, 14.0, 21.5, 29.0))
+    trigger = where - float(rng.uniform(22, 28))
+    cutter = TrafficSpec(
+        'forward',
+        s_m=where,
+        speed_mps=0.0,
+        lane=1,
+        target_speed_mps=0.01,
+        scripts=(
+            Script(ego_at_s_m=trigger, target_speed_mps=float(rng.uniform(4, 6))),
+            Script(ego_at_s_m=trigger, drift_m=LANE_WIDTH_M, drift_over_m=10.0),
+        ),
+        heedless=True,
+    )
+    layout = RoadLayout((Straight(200),), 2, 0, float(rng.uniform(8, 11)))
+    return Scene(layout, RouteSpec(0, start_speed_mps=6.0), (*queue, cutter))
+
+
+@scenario('BlockedIntersection', 'EmergencyBrake', 'TrafficSign')
+def blocked_intersection(rng: Rng) -> Scene:
+    """A car stands just behind the turn, out of sight, and drives on after a while."""
+    turn = str(rng.choice(('left', 'right')))
+    straight = float(rng.uniform(45, 65))
+    exit_m = straight + turn_length_m(turn)
+    blocker = TrafficSpec(
+        'forward',
+        s_m=exit_m + float(rng.uniform(4, 9)),
+        speed_mps=0.0,
+        target_speed_mps=0.01,
+        kind=str(rng.choice(('car', 'van'))),
+        scripts=(Script(ego_at_s_m=straight - 12, delay_s=float(rng.uniform(6, 11)), target_speed_mps=8.0),),
+    )
+    layout = RoadLayout((Straight(straight), Junction(turn), Straight(70)), 1, 1, 9.0)
+    return Scene(layout, RouteSpec(start_speed_mps=4.0), (blocker,))
+
+
+@scenario('OppositeVehicleRunningRedLight', 'EmergencyBrake', 'TrafficSign')
+def red_light_runner(rng: Rng) -> Scene:
+    """The ego has green; a car from the side runs its red light."""
+    straight = float(rng.uniform(60, 75))
+    source, target = (('left', 'right'), ('right', 'left'))[int(rng.integers(0, 2))]
+    runner = TrafficSpec(
+        (source, target),
+        s_m=float(rng.uniform(8, 18)),
+        speed_mps=0.0,
+        target_speed_mps=0.01,
+        scripts=(
+            Script(
+                ego_at_s_m=straight - float(rng.uniform(30, 42)),
+                target_speed_mps=float(rng.uniform(6, 9)),
+                acceleration_mps2=4.0,
+                until_speed_mps=-1.0,
+            ),
+        ),
+        heedless=True,
+    )
+    layout = RoadLayout((Straight(straight), Junction('ahead', control='light'), Straight(60)), 1, 1, 10.0)
+    return Scene(layout, RouteSpec(start_speed_mps=4.0), (runner,), (LightSpec(0, (('green', 120.0),)),))
+
+
+def _after_turn(rng: Rng, kind: str, speed_mps: tuple[float, float]) -> Scene:
+    turn = str(rng.choice(('left', 'right')))
+    straight = float(rng.uniform(45, 60))
+    where = straight + turn_length_m(turn) + float(rng.uniform(5, 9))
+    side = float(rng.choice((-1, 1)))
+    start, goal = (-4.5, 16.0) if side < 0 else (8.0, -14.0)
+    crosser = WalkerSpec(where, start, goal, float(rng.uniform(*speed_mps)), float(rng.uniform(16, 24)), kind)
+    layout = RoadLayout((Straight(straight), Junction(turn), Straight(60)), 1, 1, 9.0, shoulder_m=1.0)
+    return Scene(layout, RouteSpec(start_speed_mps=4.0), (crosser,))
+
+
+@scenario('VehicleTurningRoute', 'EmergencyBrake', 'TrafficSign')
+def cyclist_after_turn(rng: Rng) -> Scene:
+    """A cyclist crosses the road that the ego turns into."""
+    return _after_turn(rng, 'cyclist', (2.5, 4.0))
+
+
+@scenario('VehicleTurningRoutePedestrian', 'EmergencyBrake', 'TrafficSign')
+def pedestrian_after_turn(rng: Rng) -> Scene:
+    """A pedestrian crosses the road that the ego turns into."""
+    return _after_turn(rng, 'walker', (1.1, 1.8))
+
+
+@scenario('ControlLoss', 'EmergencyBrake')
+def control_loss(rng: Rng) -> Scene:
+    """Patches of bad road: steering is pushed aside and the tyres lose grip."""
+    first = float(rng.uniform(40, 55))
+    patches = tuple(
+        DisturbanceSpec(
+            first + 45.0 * i,
+            float(rng.uniform(8, 14)),
+            float(rng.uniform(0.15, 0.3)) * float(rng.choice((-1, 1))),
+            float(rng.uniform(0.3, 0.6)),
+        )
+        for i in range(3)
+    )
+    curve = Curve(float(rng.uniform(60, 90)), float(rng.uniform(-0.6, 0.6)))
+    layout = RoadLayout((Straight(80), curve, Straight(90)), 1, 1, float(rng.uniform(8, 11)), shoulder_m=1.0)
+    return Scene(layout, RouteSpec(start_speed_mps=5.0), disturbances=patches)

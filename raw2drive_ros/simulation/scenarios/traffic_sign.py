@@ -40,3 +40,22 @@ def stop_sign(rng: Rng) -> Scene:
     """A stop sign before a junction turn."""
     layout = RoadLayout((Straight(70), Junction(_turn(rng), control='stop'), Straight(60)), 1, 1, 9.0)
     return Scene(layout, RouteSpec(start_speed_mps=4.0), (), (), (StopSignSpec(0),))
+
+
+@scenario('T_Junction', 'TrafficSign')
+def t_junction(rng: Rng) -> Scene:
+    """The road ends at a T junction; a car or two use the road across."""
+    turn = str(rng.choice(('left', 'right')))
+    source, target = (('left', 'right'), ('right', 'left'))[int(rng.integers(0, 2))]
+    speed = float(rng.uniform(5, 8))
+    cars = tuple(TrafficSpec((source, target), float(s), speed) for s in (20 + rng.uniform(0, 25), 3.0))
+    layout = RoadLayout((Straight(65), Junction(turn, ('left', 'right')), Straight(60)), 1, 1, 9.0)
+    return Scene(layout, RouteSpec(start_speed_mps=4.0), cars[: int(rng.integers(1, 3))])
+
+
+@scenario('VanillaNonSignalizedTurn', 'TrafficSign')
+def plain_turn(rng: Rng) -> Scene:
+    """A junction without lights or signs, and nobody else."""
+    turn = _turn(rng)
+    layout = RoadLayout((Straight(float(rng.uniform(50, 80))), Junction(turn), Straight(60)), 1, 1, 9.0)
+    return Scene(layout, RouteSpec(start_speed_mps=4.0))
