@@ -13,7 +13,7 @@ The bags hold the same topics as those of `raw2drive record`."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--driver', default='rule', help='rule, privileged, raw, straight or random')
+    parser.add_argument('--driver', default='rule', help='rule, expert, privileged, raw, straight or random')
     parser.add_argument('--run', dest='training_run', type=Path, help='training run of driver privileged')
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw')
     parser.add_argument('--routes', default='lane-following', help='scenario types, comma separated, or all')

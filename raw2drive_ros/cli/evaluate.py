@@ -15,7 +15,7 @@ Seeds 0, 1, ... are evaluation routes; training bags use seeds from 100000 on.""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--driver', default='raw', help='raw, privileged, rule, straight or random')
+    parser.add_argument('--driver', default='raw', help='raw, privileged, expert, rule, straight or random')
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--run', dest='training_run', type=Path, help='stage-1 run of driver privileged')
     parser.add_argument('--routes', default='lane-following', help='scenario types, abilities, or all')

@@ -13,13 +13,14 @@ from raw2drive_ros.actions import ACTION_COUNT, ACTIONS, nearest_action
 from raw2drive_ros.contract import Decision, SensorFrame
 from raw2drive_ros.driving.baselines import RandomDriver, StraightDriver
 from raw2drive_ros.driving.driver import Driver
+from raw2drive_ros.evaluation.expert import Expert
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
 from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.world_model.distributions import sample_one_hot
 from raw2drive_ros.world_model.rssm import State
 
-DRIVER_NAMES = ('raw', 'privileged', 'rule', 'straight', 'random')
+DRIVER_NAMES = ('raw', 'privileged', 'expert', 'rule', 'straight', 'random')
 
 
 class UnknownDriverError(ValueError):
@@ -68,6 +69,20 @@ class RuleEpisodes:
     def reset(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
         self.driver = RuleDriver(rng, self.noise if rng.random() < 0.75 else 0.0)
+
+    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
+        assert env.world is not None
+        control = self.driver.control(env.world)
+        return Decision(frame.stamp_ns, control, nearest_action(control))
+
+
+class ExpertEpisodes:
+    """The expert that looks ahead in a twin of the simulation."""
+
+    needs_cameras = needs_bev = False
+
+    def reset(self, seed: int) -> None:
+        self.driver = Expert()
 
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert env.world is not None
@@ -146,6 +161,8 @@ def make_driver(
         return SensorOnly(StraightDriver(), cameras=False)
     if name == 'rule':
         return RuleEpisodes(noise)
+    if name == 'expert':
+        return ExpertEpisodes()
     if name == 'privileged':
         if run is None:
             raise UnknownDriverError('driver privileged needs the run that trained it (--run)')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -90,7 +91,7 @@ class PathVehicle(Vehicle):
         colour: int = 0,
         scripts: tuple[Script, ...] = (),
         heedless: bool = False,
-        waits_at_m: tuple[tuple[float, Callable[[], bool]], ...] = (),
+        waits_at_m: tuple[tuple[float, Callable[[World], bool]], ...] = (),
         lateral_m: float = 0.0,
     ) -> None:
         x, y, yaw = path.pose(s_m, lateral_m)
@@ -101,7 +102,8 @@ class PathVehicle(Vehicle):
         self.kind = kind
         self.colour = colour
         self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M[kind]
-        self.scripts = [Script(**{k: getattr(s, k) for k in _SCRIPT_FIELDS}) for s in scripts]
+        # Scripts remember that they fired, so every vehicle needs its own.
+        self.scripts = [copy.copy(script) for script in scripts]
         self.heedless = heedless
         self.waits_at_m = waits_at_m
         self.base_lateral_m = self.lateral_m = lateral_m
@@ -128,7 +130,7 @@ class PathVehicle(Vehicle):
         gap, closing = self._leader(world)
         for stop_s, is_closed in self.waits_at_m:
             distance = stop_s - self.s_m - self.LENGTH / 2
-            if 0.0 < distance < LOOK_AHEAD_M and is_closed() and distance < gap:
+            if 0.0 < distance < LOOK_AHEAD_M and is_closed(world) and distance < gap:
                 gap, closing = distance + 2.0, v
         if gap >= LOOK_AHEAD_M:
             return max(free, IDMVehicle.COMFORT_ACC_MIN)
@@ -177,19 +179,6 @@ class PathVehicle(Vehicle):
             self.heading = math.atan2(moved_y, moved_x)
         self.position[:] = ahead[:2]
         self.gone = self.s_m > self.path.length_m + 2.0
-
-
-_SCRIPT_FIELDS = (
-    'ego_within_m',
-    'ego_at_s_m',
-    'time_s',
-    'acceleration_mps2',
-    'until_speed_mps',
-    'target_speed_mps',
-    'drift_m',
-    'drift_over_m',
-    'delay_s',
-)
 
 
 def _ease(part: float) -> float:
@@ -283,6 +272,17 @@ class CarDoor(StandingObject):
 
 
 Actor = PathVehicle | Walker | StandingObject
+
+
+def twin_of(actor: Actor) -> Actor:
+    """An independent copy that shares what never changes (paths, sizes)."""
+    if type(actor) is StandingObject:
+        return actor
+    twin = copy.copy(actor)
+    twin.position = actor.position.copy()
+    if isinstance(twin, PathVehicle):
+        twin.scripts = [copy.copy(script) for script in twin.scripts]
+    return twin
 
 
 def corners_m(x: float, y: float, yaw: float, length: float, width: float) -> Float64:

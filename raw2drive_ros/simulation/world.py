@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import deque
 
 import numpy as np
 
 from raw2drive_ros.contract import Control, Float64
-from raw2drive_ros.simulation.actors import Actor, CarDoor, PathVehicle, StandingObject, Walker
+from raw2drive_ros.simulation.actors import Actor, CarDoor, PathVehicle, StandingObject, Walker, twin_of
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
 from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
@@ -82,6 +83,19 @@ class World:
         for sign in self.stop_signs:
             sign.update(self.front_s_m, self.ego.speed)
         self._refresh()
+
+    def fork(self) -> World:
+        """A twin that can be stepped without touching this world: for drivers that look ahead by simulating."""
+        twin = copy.copy(self)
+        twin.ego = copy.copy(self.ego)
+        twin.ego.position = self.ego.position.copy()
+        twin.actors = [twin_of(actor) for actor in self.actors]
+        twin.lights = [copy.copy(light) for light in self.lights]
+        twin.stop_signs = [copy.copy(sign) for sign in self.stop_signs]
+        twin.history = deque(maxlen=1)
+        twin.ego_history, twin.light_history = deque(maxlen=1), deque(maxlen=1)
+        twin._refresh()
+        return twin
 
     def _disturb(self) -> None:
         self.ego.steer_push, self.ego.grip = 0.0, 1.0
@@ -159,10 +173,10 @@ class World:
         path = self._traffic_path(spec)
         waits = ()
         if spec.obeys_light and self.lights:
-            light = self.lights[0]
             crosses = isinstance(spec.on, tuple) and spec.on[0] in ('left', 'right')
             entry = self._stop_line_s_m(spec, path)
-            waits = ((entry, lambda: light.colour != 'red' if crosses else light.colour != 'green'),)
+            open_at = 'red' if crosses else 'green'
+            waits = ((entry, lambda world: world.lights[0].colour != open_at),)
         target = spec.speed_mps if spec.target_speed_mps is None else spec.target_speed_mps
         return PathVehicle(
             path,

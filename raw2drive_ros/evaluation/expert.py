@@ -1,0 +1,237 @@
+"""A privileged expert without learning: it tries speeds and offsets in a twin of the simulation and takes the best.
+
+It bounds what is solvable on a route: the twin holds every trigger and every intention, which no fair
+driver knows. Pure pursuit steers; the plan is a share of the speed limit and a lateral offset, kept for
+`REPLAN_TICKS` decisions.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from raw2drive_ros.contract import Control
+from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
+from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
+
+REPLAN_TICKS = 4
+HORIZON_S = 9.0
+MARGIN_M = 0.35
+HARD_BRAKING_MPS2 = -3.5
+STOP_BEFORE_M = 1.0
+ZONE_SIGHT_M = 14.0
+PASS_LIMIT_S = 18.0
+SPEED_SHARES = (0.95, 0.65, 0.4, 0.2, 0.0)
+OFFSETS_M = (0.0, -0.7, 0.7)
+IDM_TIME_GAP_S = 1.0
+IDM_GAP_M = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """share: of the speed limit. offset_m: to the left of the route. hold: wait before the oncoming lane."""
+
+    share: float
+    offset_m: float = 0.0
+    hold: bool = False
+
+
+class Expert:
+    """control(world) -> Control. Deterministic."""
+
+    def __init__(self) -> None:
+        self.plan = Plan(SPEED_SHARES[0])
+        self.age = REPLAN_TICKS
+
+    def control(self, world: World) -> Control:
+        self.age += 1
+        if self.age >= REPLAN_TICKS:
+            self.plan = choose(world, self.plan)
+            self.age = 0
+        return follow(world, self.plan)
+
+
+def choose(world: World, current: Plan) -> Plan:
+    """The plan whose simulated future is best.
+
+    The oncoming lane is entered only on a plan that nobody has to brake for, seen through to its end:
+    otherwise two cars would stand nose to nose.
+    """
+    zone = oncoming_zone(world)
+    before = zone is not None and world.front_s_m < zone[0]
+    if zone is not None and before and world.front_s_m > zone[0] - ZONE_SIGHT_M:
+        for share in SPEED_SHARES[:3]:
+            if rehearse(world, Plan(share), until_s_m=zone[1])[1]:
+                return Plan(share)
+    best, best_score = Plan(0.0, hold=before), -math.inf
+    for offset in OFFSETS_M:
+        for share in SPEED_SHARES:
+            plan = Plan(share, offset, before)
+            score, clean = rehearse(world, plan)
+            if plan == current:
+                score += 0.5
+            if score > best_score:
+                best, best_score = plan, score
+            if clean:
+                # Slower plans with the same offset cannot gain anything over a clean faster one.
+                break
+        if best_score > 0.0:
+            break
+    return best
+
+
+def oncoming_zone(world: World) -> tuple[float, float] | None:
+    """(start, end) on the route of the next stretch that uses the oncoming lane, or None."""
+    changes = world.scene.route.changes
+    for out, back in itertools.pairwise(changes):
+        end = back.s_m + back.over_m
+        if out.to_lane < 0 and world.route_s_m < end:
+            return out.s_m, end
+    return None
+
+
+def rehearse(world: World, plan: Plan, until_s_m: float | None = None) -> tuple[float, bool]:
+    """(score, clean) of driving `plan` in a twin. Score: metres of progress minus penalties.
+
+    For `HORIZON_S`, or, where that is given, until the route's arc length `until_s_m` is reached; not to
+    reach it within `PASS_LIMIT_S` is not clean.
+    """
+    twin = world.fork()
+    start_s_m = twin.route_s_m
+    penalty = 0.0
+    horizon_s = HORIZON_S if until_s_m is None else PASS_LIMIT_S
+    for tick in range(round(horizon_s * DECISION_HZ)):
+        if until_s_m is not None and twin.route_s_m >= until_s_m:
+            return twin.route_s_m - start_s_m - penalty, penalty == 0.0
+        control = follow(twin, plan)
+        for _ in range(SUBSTEPS):
+            twin.step(control)
+        if hits(twin):
+            # Later is better: it leaves time for another plan.
+            penalty += 200.0 - tick
+            break
+        if _forces_others(twin):
+            penalty += 1.5
+        penalty += 0.4 * max(0.0, abs(twin.route_lateral_m - plan.offset_m) - 1.2)
+        if twin.goal_s_m - twin.route_s_m < 9.0:
+            return 500.0 - 2.0 * tick - penalty, penalty == 0.0
+    clean = penalty == 0.0 and until_s_m is None
+    return twin.route_s_m - start_s_m - penalty - 0.5 * abs(plan.offset_m), clean
+
+
+def hits(world: World, margin_m: float = MARGIN_M) -> bool:
+    """Does the ego, grown by a margin, touch anything?"""
+    ego = world.ego
+    near = np.abs(world.positions[:-1] - ego.position).max(axis=1) < 7.0
+    if not near.any():
+        return False
+    x, y = float(ego.position[0]), float(ego.position[1])
+    own = corners_m(x, y, ego.heading, ego.LENGTH + margin_m, ego.WIDTH + margin_m)
+    for index in np.flatnonzero(near):
+        actor = world.actors[int(index)]
+        place = (float(actor.position[0]), float(actor.position[1]))
+        if boxes_overlap(own, corners_m(*place, actor.heading, actor.LENGTH, actor.WIDTH)):
+            return True
+    return False
+
+
+def _forces_others(world: World) -> bool:
+    """Does somebody near have to brake hard for the ego?"""
+    for actor in world.actors:
+        if isinstance(actor, StandingObject | Walker) or actor.command_acceleration > HARD_BRAKING_MPS2:
+            continue
+        if np.abs(actor.position - world.ego.position).max() < 20.0 and actor.speed > 0.5:
+            return True
+    return False
+
+
+def follow(world: World, plan: Plan) -> Control:
+    """Pure pursuit on the route, IDM behind what is on it, stops at lights and signs."""
+    ego = world.ego
+    speed = max(ego.speed, 0.0)
+    ahead = max(4.0, 0.8 * speed)
+    x, y, _ = world.route.pose(world.route_s_m + ahead, plan.offset_m)
+    dx, dy = x - float(ego.position[0]), y - float(ego.position[1])
+    cos, sin = math.cos(ego.heading), math.sin(ego.heading)
+    local_x, local_y = dx * cos + dy * sin, -dx * sin + dy * cos
+    curvature = 2.0 * local_y / max(local_x * local_x + local_y * local_y, 1e-6)
+    wheel = math.atan(curvature * ego.parameters.wheelbase_m)
+    steer = min(max(wheel / ego.parameters.max_steer_rad, -1.0), 1.0)
+    wanted = plan.share * world.speed_limit_at(world.route_s_m)
+    acceleration = min(_idm(world, speed, wanted), _stopping(world, speed, plan))
+    return pedals(acceleration, speed, steer)
+
+
+def _stopping(world: World, speed: float, plan: Plan) -> float:
+    """Acceleration that stops the front bumper 1 m before the next stop line, once that needs more than a little."""
+    gap = _stop_line_m(world)
+    zone = oncoming_zone(world) if plan.hold else None
+    if zone is not None and zone[0] > world.front_s_m - 0.5:
+        gap = min(gap, zone[0] - world.front_s_m)
+    if gap == math.inf:
+        return gap
+    room = gap - STOP_BEFORE_M
+    if room < 0.3:
+        return -3.0 if speed > 0.05 else 0.0
+    needed = speed * speed / (2.0 * room)
+    if needed > 1.2:
+        return -1.15 * needed
+    # Slow enough already: roll on, but never faster than what can stop.
+    return 2.0 * (math.sqrt(2.0 * 1.2 * room) - speed)
+
+
+def pedals(acceleration_mps2: float, speed_mps: float, steer: float) -> Control:
+    """Throttle or brake for an acceleration of the ego's vehicle model."""
+    if acceleration_mps2 < -0.8 or (acceleration_mps2 <= 0.0 and speed_mps < 0.3):
+        return Control(0.0, min(1.0, max(0.3, -acceleration_mps2 / 8.0)), steer)
+    drag = 0.3 + 0.06 * speed_mps + 0.002 * speed_mps**2
+    strength = min(5.0, 40.0 / max(speed_mps, 1e-6))
+    return Control(min(max((acceleration_mps2 + drag) / strength, 0.0), 1.0), 0.0, steer)
+
+
+def _stop_line_m(world: World) -> float:
+    """Free distance to the next line that the ego has to stop at, or inf."""
+    front, best = world.front_s_m, math.inf
+    for light in world.lights:
+        gap = light.line_s_m - front
+        if light.colour != 'green' and gap > -0.3 and gap > world.ego.speed**2 / 14.0 - 1.0:
+            best = min(best, gap)
+    for sign in world.stop_signs:
+        if not sign.obeyed and sign.line_s_m > front - 0.3:
+            best = min(best, sign.line_s_m - front)
+    return best
+
+
+def _idm(world: World, speed: float, wanted: float) -> float:
+    """IDM acceleration towards `wanted`, behind the first thing whose box reaches into the ego's corridor."""
+    free = 3.0 * (1.0 - speed / wanted) if wanted > 0.1 else -4.0 if speed > 0.1 else 0.0
+    free = max(free, -5.0)
+    gap, closing = leader(world)
+    if gap > 45.0:
+        return min(free, 3.0)
+    desired = IDM_GAP_M + max(0.0, speed * IDM_TIME_GAP_S + speed * closing / (2.0 * math.sqrt(3.0 * 4.0)))
+    return max(min(free, 3.0 * (1.0 - (desired / max(gap, 0.1)) ** 2)), -8.0)
+
+
+def leader(world: World, reach_m: float = 45.0) -> tuple[float, float]:
+    """(free gap, closing speed) to the first actor in the ego's corridor along the route, or (inf, 0)."""
+    ego = world.ego
+    others = np.flatnonzero(np.abs(world.positions[:-1] - ego.position).max(axis=1) < reach_m)
+    first = max(0, int((world.route_s_m + 1.0) * 2))
+    window = world.route.points_m[first : first + int(reach_m * 2) : 2]
+    if not len(others) or not len(window):
+        return math.inf, 0.0
+    delta = world.positions[others, None] - window[None]
+    reach = world.half_widths[others] + ego.WIDTH / 2 + 0.2
+    hits_at = np.einsum('apk,apk->ap', delta, delta) < (reach**2)[:, None]
+    along = np.where(hits_at.any(axis=1), hits_at.argmax(axis=1), 10_000)
+    best = int(np.argmin(along))
+    if along[best] == 10_000:
+        return math.inf, 0.0
+    other = others[best]
+    cos = math.cos(ego.heading - world.headings[other])
+    gap = along[best] + 1.0 + reach[best] * 0.5 - ego.LENGTH / 2 - world.half_lengths[other] * abs(cos)
+    return max(float(gap), 0.05), float(ego.speed - world.speeds[other] * cos)
