@@ -1,0 +1,97 @@
+"""The scenario types, and what only some of them use: doors, disturbances, exits, twins of the world."""
+
+import numpy as np
+import pytest
+
+from raw2drive_ros.contract import Control
+from raw2drive_ros.evaluation.drivers import ExpertEpisodes
+from raw2drive_ros.evaluation.episode import drive_route
+from raw2drive_ros.simulation.actors import CarDoor
+from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+from raw2drive_ros.simulation.scenario import load_scenarios
+
+FAST = SimulationConfig(cameras=False, bev=False, end_on_infraction=False)
+# Types per ability in Bench2Drive; a type may count for several.
+ABILITIES = {'Overtaking': 9, 'Merging': 16, 'EmergencyBrake': 12, 'GiveWay': 2, 'TrafficSign': 19}
+PRACTICE = {'LaneFollowing', 'JunctionTurns'}
+
+
+def world_of(name: str, seed: int = 0) -> DrivingEnv:
+    env = DrivingEnv(FAST)
+    env.reset(seed=seed, options={'scenario': name})
+    return env
+
+
+def test_all_44_types_with_their_abilities() -> None:
+    known = load_scenarios()
+    assert len(set(known) - PRACTICE) == 44
+    assert {a: sum(a in s.abilities for s in known.values()) for a in ABILITIES} == ABILITIES
+    assert all(s.description for s in known.values())
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        'AccidentTwoWays',
+        'HighwayExit',
+        'ParkingExit',
+        'SignalizedJunctionLeftTurn',
+        'VanillaNonSignalizedTurnEncounterStopsign',
+        'VehicleOpensDoorTwoWays',
+        'ControlLoss',
+    ],
+)
+def test_the_expert_solves(name) -> None:
+    result = drive_route(DrivingEnv(FAST), ExpertEpisodes(), name, 2).result
+    assert result.success, result
+
+
+def test_a_twin_goes_its_own_way_and_leaves_the_world_alone() -> None:
+    env = world_of('NonSignalizedJunctionLeftTurn', 1)
+    world = env.world
+    before = world.positions.copy()
+    twin = world.fork()
+    for _ in range(60):
+        twin.step(Control(0.5))
+    assert np.array_equal(world.positions, before)
+    assert world.time_s == 0.0
+    assert not np.allclose(twin.positions[-1], before[-1])
+    # The same commands take the world to where the twin is, to the bit.
+    for _ in range(60):
+        world.step(Control(0.5))
+    assert np.array_equal(world.positions, twin.positions)
+
+
+def test_a_door_opens_into_the_lane_when_the_ego_comes_near() -> None:
+    world = world_of('VehicleOpensDoorTwoWays').world
+    door = next(actor for actor in world.actors if isinstance(actor, CarDoor))
+    shut = door.position.copy()
+    world.step(Control())
+    assert np.array_equal(door.position, shut)
+    world.route_s_m = door.route_s_m - 10.0
+    for _ in range(20):
+        door.think(world)
+        door.step(0.05)
+    moved = door.position - shut
+    assert np.hypot(*moved) == pytest.approx(0.95, abs=1e-6)
+    # Towards the route: the car is parked on its right.
+    assert world.route.project(*door.position)[1] > world.route.project(*shut)[1]
+
+
+def test_a_disturbance_pushes_the_steering_and_takes_grip() -> None:
+    world = world_of('ControlLoss').world
+    patch = world.scene.disturbances[0]
+    world.step(Control())
+    assert (world.ego.steer_push, world.ego.grip) == (0.0, 1.0)
+    world.route_s_m = patch.s_m + 1.0
+    world.step(Control())
+    assert (world.ego.steer_push, world.ego.grip) == (patch.steer, patch.grip)
+    assert world.ego.steer * patch.steer > 0
+
+
+def test_the_exit_route_leaves_the_road_to_the_right() -> None:
+    world = world_of('HighwayExit').world
+    end = world.route.pose(world.route.length_m)
+    main = world.road.forward_path(1)
+    assert main.project(end[0], end[1])[1] < -5.0
+    assert np.degrees(end[2]) == pytest.approx(-16.0, abs=0.5)
