@@ -22,8 +22,11 @@ USER_ERRORS = {
     'LayoutError': 1,
     'NodeError': 1,
     'NonFiniteError': 1,
+    'ResultsError': 1,
+    'UnfairScenarioError': 1,
     'UnknownDriverError': 2,
     'UnknownScenarioError': 2,
+    'UnknownSuiteError': 2,
     'UsageError': 2,
 }
 

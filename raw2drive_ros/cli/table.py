@@ -28,6 +28,9 @@ def print_results(result: dict[str, Any]) -> None:
         console.print(
             f'{name.replace("_", " ")}: {value["mean"]:.1f} (95 %: {value["low"]:.1f} to {value["high"]:.1f})'
         )
+    for name, value in result.get('abilities', {}).items():
+        interval = f' (95 %: {value["low"]:.0f} to {value["high"]:.0f})' if 'low' in value else ''
+        console.print(f'ability {name}: {value["mean"]:.1f}{interval}')
     done = sum(row['route_completion'] >= 90 for row in result['routes'])
     console.print(f'{done} of {len(result["routes"])} routes with completion >= 90 %')
     timing = result['timing']

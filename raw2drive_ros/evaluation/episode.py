@@ -40,6 +40,7 @@ def result_of(env: DrivingEnv) -> RouteResult:
         criteria.events,
         criteria.failure,
         criteria.outside_percent,
+        signs_obeyed=criteria.obeyed_signs_at_first_junction(env.world),
     )
 
 

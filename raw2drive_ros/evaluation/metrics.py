@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from raw2drive_ros.simulation.scenario import load_scenarios
+
 COEFFICIENTS = {
     'collision_pedestrian': 0.50,
     'collision_vehicle': 0.60,
@@ -17,12 +19,14 @@ COEFFICIENTS = {
     'stop_sign': 0.80,
 }
 BOOTSTRAP_SAMPLES = 2000
+ABILITIES = ('Merging', 'Overtaking', 'EmergencyBrake', 'GiveWay', 'TrafficSign')
 
 
 @dataclass(frozen=True, slots=True)
 class RouteResult:
     """One route's row. route_completion, driving_score: [0, 100]. infraction_score: [0, 1].
-    infractions: name -> count, and the failure that ended the drive, if one did."""
+    infractions: name -> count, and the failure that ended the drive, if one did. signs_obeyed: through the
+    first junction without running a light or a stop sign (the Traffic Sign ability's extra credit)."""
 
     id: str
     type: str
@@ -32,6 +36,7 @@ class RouteResult:
     driving_score: float
     success: bool
     infractions: dict[str, int]
+    signs_obeyed: bool = False
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -46,7 +51,14 @@ def infraction_score(events: dict[str, int], outside_percent: float) -> float:
 
 
 def score_route(
-    scenario: str, seed: int, completion: float, events: dict[str, int], failure: str, outside_percent: float
+    scenario: str,
+    seed: int,
+    completion: float,
+    events: dict[str, int],
+    failure: str,
+    outside_percent: float,
+    *,
+    signs_obeyed: bool = False,
 ) -> RouteResult:
     """Success: the whole route, no infraction, no failure."""
     score = infraction_score(events, outside_percent)
@@ -64,6 +76,7 @@ def score_route(
         round(max(0.0, completion * score), 4),
         completion >= 100.0 and not infractions,
         infractions,
+        signs_obeyed,
     )
 
 
@@ -74,6 +87,24 @@ def bootstrap(values: Sequence[float], seed: int = 0) -> dict[str, float]:
     means = data[rng.integers(0, len(data), (BOOTSTRAP_SAMPLES, len(data)))].mean(axis=1)
     low, high = np.percentile(means, [2.5, 97.5])
     return {'mean': float(data.mean()), 'low': float(low), 'high': float(high)}
+
+
+def abilities_of(routes: Sequence[RouteResult]) -> dict[str, dict[str, float]]:
+    """Success in percent per ability with its interval, and `mean` over the five, where all five are driven.
+
+    A type counts for each of its abilities. For TrafficSign a failed route succeeds too when it got
+    through its first junction and broke no light or stop sign (spec 4.6).
+    """
+    by_ability: dict[str, list[float]] = {name: [] for name in ABILITIES}
+    known = load_scenarios()
+    for route in routes:
+        for ability in known[route.type].abilities if route.type in known else ():
+            good = route.success or (ability == 'TrafficSign' and route.signs_obeyed)
+            by_ability[ability].append(100.0 * good)
+    found = {name: bootstrap(values) for name, values in by_ability.items() if values}
+    if len(found) == len(ABILITIES):
+        found['mean'] = {'mean': float(np.mean([v['mean'] for v in found.values()]))}
+    return found
 
 
 def summarise(
@@ -90,5 +121,6 @@ def summarise(
             'success_rate': bootstrap([100.0 * r.success for r in routes]),
             'route_completion': bootstrap([r.route_completion for r in routes]),
         },
+        'abilities': abilities_of(routes),
         'timing': timing,
     }

@@ -16,6 +16,7 @@ BLOCKED_LIMIT_S = 60.0
 DEVIATION_LIMIT_M = 30.0
 LANE_TOLERANCE_M = 0.5
 ROUTE_END_M = 10.0
+BEYOND_JUNCTION_M = 8.0
 
 
 @dataclass(slots=True)
@@ -69,6 +70,13 @@ class Criteria:
         if world.goal_s_m - self.best_s_m < ROUTE_END_M:
             return 100.0
         return 100.0 * max(0.0, self.best_s_m - self.start_s_m) / (world.goal_s_m - self.start_s_m)
+
+    def obeyed_signs_at_first_junction(self, world: World) -> bool:
+        """Did the ego get through the route's first junction without running a light or a stop sign?"""
+        junctions = world.road.junctions
+        if not junctions or {'red_light', 'stop_sign'} & set(self.events):
+            return False
+        return self.best_s_m > junctions[0].entry_s_m + BEYOND_JUNCTION_M
 
     @property
     def outside_percent(self) -> float:

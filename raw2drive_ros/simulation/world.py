@@ -226,7 +226,8 @@ def _route_path(scene: Scene, road: RoadMap) -> Path:
     spec = scene.route
     if spec.from_ramp:
         return road.ramp_path()
-    path = road.forward_path(round(spec.lane))
+    base = min(round(spec.lane), scene.layout.forward_lanes - 1)
+    path = road.forward_path(base)
     if not spec.changes:
         return path
     last = max(change.s_m + change.over_m for change in spec.changes)
@@ -234,7 +235,7 @@ def _route_path(scene: Scene, road: RoadMap) -> Path:
         raise ValueError(f'RouteSpec: lane changes need straight pieces, here up to {last:.0f} m')
 
     def lateral(s_m: float) -> float:
-        lane, offset = spec.lane, -(spec.lane - round(spec.lane)) * LANE_WIDTH_M
+        lane, offset = spec.lane, -(spec.lane - base) * LANE_WIDTH_M
         for change in spec.changes:
             offset -= (change.to_lane - lane) * LANE_WIDTH_M * smooth_step(s_m, change.s_m, change.over_m)
             lane = change.to_lane

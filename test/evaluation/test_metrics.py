@@ -3,8 +3,8 @@ import pytest
 
 from raw2drive_ros.evaluation.drivers import UnknownDriverError, make_driver
 from raw2drive_ros.evaluation.episode import drive_route
-from raw2drive_ros.evaluation.evaluate import evaluate
-from raw2drive_ros.evaluation.metrics import bootstrap, infraction_score, score_route
+from raw2drive_ros.evaluation.evaluate import DriverSpec, ResultsError, evaluate
+from raw2drive_ros.evaluation.metrics import abilities_of, bootstrap, infraction_score, score_route
 from raw2drive_ros.evaluation.routes import routes_of
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.scenario import UnknownScenarioError
@@ -30,6 +30,16 @@ def test_success_needs_the_whole_route_and_no_infraction() -> None:
     assert not score_route('X', 0, 100.0, {'stop_sign': 1}, '', 0.0).success
 
 
+def test_traffic_sign_counts_a_failed_route_that_obeyed_its_signs() -> None:
+    """Two TrafficSign routes (one also Merging), both failed after the junction, one of them over a stop sign."""
+    good = score_route('EnterActorFlow', 0, 60.0, {'collision_vehicle': 1}, '', 0.0, signs_obeyed=True)
+    bad = score_route('T_Junction', 0, 60.0, {'stop_sign': 1}, 'timeout', 0.0)
+    found = abilities_of([good, bad])
+    assert found['TrafficSign']['mean'] == 50.0
+    assert found['Merging']['mean'] == 0.0
+    assert 'mean' not in found, 'the mean needs all five abilities'
+
+
 def test_bootstrap_interval_holds_the_mean_and_is_repeatable() -> None:
     values = np.random.default_rng(1).uniform(0, 100, 50).tolist()
     interval = bootstrap(values)
@@ -50,7 +60,7 @@ def test_rule_driver_finishes_and_controls_do_not() -> None:
     routes = routes_of('lane-following', 3)
     scores = {}
     for name in ('rule', 'straight', 'random'):
-        result = evaluate(name, make_driver(name), 'lane-following', routes)
+        result = evaluate(DriverSpec(name), 'lane-following', '1', routes)
         scores[name] = [row['route_completion'] for row in result['routes']]
     assert min(scores['rule']) == 100.0
     assert max(scores['straight']) < 90 and max(scores['random']) < 90
@@ -58,21 +68,52 @@ def test_rule_driver_finishes_and_controls_do_not() -> None:
 
 def test_evaluation_is_repeatable_and_has_the_machine_form() -> None:
     routes = routes_of('VanillaSignalizedTurnEncounterRedLight,ParkedObstacle', 2)
-    first, second = (evaluate('rule', make_driver('rule'), 'x', routes) for _ in range(2))
+    first, second = (evaluate(DriverSpec('rule'), 'x', '1', routes) for _ in range(2))
     assert first['routes'] == second['routes']
-    assert set(first) == {'driver', 'suite', 'version', 'routes', 'summary', 'timing'}
+    assert set(first) == {'driver', 'suite', 'version', 'routes', 'summary', 'abilities', 'timing'}
     assert set(first['routes'][0]) == {
         'id', 'type', 'seed', 'route_completion', 'infraction_score', 'driving_score', 'success', 'infractions',
+        'signs_obeyed',
     }  # fmt: skip
     assert {'mean', 'low', 'high'} == set(first['summary']['driving_score'])
 
 
 def test_lines_file_says_failed_until_there_is_data(tmp_path) -> None:
     lines = tmp_path / 'lines.jsonl'
-    evaluate('rule', make_driver('rule'), 'x', routes_of('lane-following', 1), lines=lines)
+    evaluate(DriverSpec('rule'), 'x', '1', routes_of('lane-following', 1), lines=lines)
     first, second = lines.read_text().splitlines()
     assert 'failed, no data' in first
     assert 'LaneFollowing/0' in second
+
+
+def test_two_workers_give_the_same_routes_as_one(tmp_path) -> None:
+    routes = routes_of('VanillaNonSignalizedTurn,ControlLoss', 2)
+    alone = evaluate(DriverSpec('rule'), 'x', '1', routes)
+    shared = evaluate(DriverSpec('rule'), 'x', '1', routes, workers=2)
+    assert shared['routes'] == alone['routes']
+    assert shared['summary'] == alone['summary']
+
+
+def test_results_are_resumed_and_a_torn_last_line_is_driven_again(tmp_path) -> None:
+    lines = tmp_path / 'lines.jsonl'
+    routes = routes_of('VanillaNonSignalizedTurn', 3)
+    whole = evaluate(DriverSpec('rule'), 'x', '1', routes, lines=lines)
+    kept = lines.read_text().splitlines()
+    lines.write_text('\n'.join(kept[:2]) + '\n' + kept[2][:40])
+    driven = []
+    again = evaluate(
+        DriverSpec('rule'), 'x', '1', routes, lines=lines, on_route=lambda done, row: driven.append(row.seed)
+    )
+    assert driven == [1, 2]
+    assert again['routes'] == whole['routes']
+    assert lines.read_text().splitlines() == kept
+
+
+def test_results_of_another_driver_are_not_mixed_in(tmp_path) -> None:
+    lines = tmp_path / 'lines.jsonl'
+    evaluate(DriverSpec('rule'), 'x', '1', [], lines=lines)
+    with pytest.raises(ResultsError, match="driver 'rule', not 'straight'"):
+        evaluate(DriverSpec('straight'), 'x', '1', [], lines=lines)
 
 
 def test_learned_drivers_run_in_process(bundle, teacher_run) -> None:

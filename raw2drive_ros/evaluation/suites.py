@@ -1,0 +1,156 @@
+"""Suites: versioned lists of routes in `params/suites/`, and how they are drawn.
+
+A route is (scenario type, seed). Evaluation suites use seeds below `VALIDATION_SEED_START`, training
+suites seeds from `TRAIN_SEED_START` on; between them lie the seeds that checkpoints are chosen on.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
+from raw2drive_ros.evaluation.expert import Plan, follow, hits
+from raw2drive_ros.simulation.actors import StandingObject, boxes_overlap, corners_m
+from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios, rng_for
+from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
+from raw2drive_ros.world_model.config import preset_folder
+
+VALIDATION_SEED_START = 50_000
+REHEARSAL_S = 20.0
+CHECK_EVERY_TICKS = 3
+DRAW_LIMIT = 60
+PRACTICE = ('LaneFollowing', 'JunctionTurns')
+# Bench2Drive's ten types for quick looks (spec 4.7).
+DEV10 = (
+    'ParkingExit',
+    'ParkingCrossingPedestrian',
+    'StaticCutIn',
+    'HazardAtSideLane',
+    'YieldToEmergencyVehicle',
+    'ConstructionObstacleTwoWays',
+    'NonSignalizedJunctionLeftTurn',
+    'BlockedIntersection',
+    'SequentialLaneChange',
+    'SignalizedJunctionLeftTurnEnterFlow',
+)
+
+
+class UnknownSuiteError(ValueError):
+    """No suite of that name; the message lists the known ones."""
+
+
+class UnfairScenarioError(RuntimeError):
+    """Hardly any draw of a scenario type is fair: the type needs mending."""
+
+
+@dataclass(frozen=True, slots=True)
+class Suite:
+    name: str
+    version: str
+    routes: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SuitePlan:
+    """How a suite is drawn: `per_type` routes of each type, from `first_seed` on."""
+
+    types: tuple[str, ...]
+    per_type: int
+    first_seed: int
+
+
+def benchmark_types() -> tuple[str, ...]:
+    """The 44 types of Bench2Drive."""
+    return tuple(name for name in load_scenarios() if name not in PRACTICE)
+
+
+def suite_plans() -> dict[str, SuitePlan]:
+    types = benchmark_types()
+    return {
+        'b2d220': SuitePlan(types, 5, 0),
+        'dev10': SuitePlan(DEV10, 1, 0),
+        'validation': SuitePlan(types, 2, VALIDATION_SEED_START),
+        'train': SuitePlan(types, 24, TRAIN_SEED_START),
+    }
+
+
+def suite_folder() -> Path:
+    return preset_folder() / 'suites'
+
+
+def load_suite(name: str) -> Suite:
+    """A shipped suite, or the file at path `name`. Raises UnknownSuiteError."""
+    path = Path(name) if name.endswith('.json') else suite_folder() / f'{name}.json'
+    try:
+        body = json.loads(path.read_text())
+        routes = tuple((kind, int(seed)) for kind, seeds in body['routes'].items() for seed in seeds)
+        suite = Suite(str(body['name']), str(body['version']), routes)
+    except FileNotFoundError as error:
+        known = ', '.join(sorted(p.stem for p in suite_folder().glob('*.json')))
+        raise UnknownSuiteError(f'unknown suite {name!r}; known: {known}, or the path of a .json file') from error
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UnknownSuiteError(f'{path}: not a suite: {type(error).__name__}: {error}') from error
+    for kind in {kind for kind, _ in suite.routes}:
+        get_scenario(kind)
+    return suite
+
+
+def draw_suite(
+    plan: SuitePlan, on_route: Callable[[int], None] = lambda done: None
+) -> tuple[dict[str, list[int]], int]:
+    """(seeds by type, number of rejected draws). Raises UnfairScenarioError for a type that is hardly ever fair."""
+    found: dict[str, list[int]] = {}
+    rejected = done = 0
+    for kind in plan.types:
+        seeds, seed = [], plan.first_seed
+        while len(seeds) < plan.per_type:
+            if is_fair(kind, seed):
+                seeds.append(seed)
+                done += 1
+                on_route(done)
+            else:
+                rejected += 1
+            if seed - plan.first_seed - len(seeds) >= DRAW_LIMIT:
+                raise UnfairScenarioError(f'{kind}: {DRAW_LIMIT} draws rejected; its actors crash among themselves')
+            seed += 1
+        found[kind] = seeds
+    return found, rejected
+
+
+def is_fair(kind: str, seed: int) -> bool:
+    """Does nobody touch the ego at the start, and nobody crash with anybody else before the ego is involved?"""
+    world = World(get_scenario(kind), rng_for(kind, seed))
+    if hits(world, margin_m=0.5):
+        return False
+    for tick in range(round(REHEARSAL_S * DECISION_HZ)):
+        if tick % CHECK_EVERY_TICKS == 0 and _actors_touch(world):
+            return False
+        control = follow(world, Plan(0.8))
+        for _ in range(SUBSTEPS):
+            world.step(control)
+        if hits(world, margin_m=0.0) or world.goal_s_m - world.route_s_m < 10.0:
+            return True
+    return True
+
+
+def _actors_touch(world: World) -> bool:
+    """Do two actors overlap, at least one of which is not a standing object?"""
+    count = len(world.actors)
+    if count < 2:
+        return False
+    reach = np.hypot(world.half_lengths[:-1], world.half_widths[:-1])
+    place = world.positions[:-1]
+    apart = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1)) - reach[:, None] - reach[None]
+    for i, j in zip(*np.nonzero(np.triu(apart < 0.0, 1)), strict=True):
+        a, b = world.actors[i], world.actors[j]
+        if isinstance(a, StandingObject) and isinstance(b, StandingObject):
+            continue
+        boxes = [corners_m(float(c.position[0]), float(c.position[1]), c.heading, c.LENGTH, c.WIDTH) for c in (a, b)]
+        if boxes_overlap(*boxes):
+            return True
+    return False

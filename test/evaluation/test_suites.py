@@ -1,0 +1,69 @@
+"""The shipped suites: their size, that they do not overlap, and that unfair draws are found."""
+
+import pytest
+
+from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
+from raw2drive_ros.evaluation.suites import (
+    DEV10,
+    VALIDATION_SEED_START,
+    SuitePlan,
+    UnfairScenarioError,
+    UnknownSuiteError,
+    benchmark_types,
+    draw_suite,
+    is_fair,
+    load_suite,
+)
+
+
+def test_b2d220_is_44_types_with_five_routes_each() -> None:
+    suite = load_suite('b2d220')
+    assert len(suite.routes) == len(set(suite.routes)) == 220
+    assert {kind for kind, _ in suite.routes} == set(benchmark_types())
+    assert all(seed < VALIDATION_SEED_START for _, seed in suite.routes)
+
+
+def test_dev10_is_a_part_of_b2d220() -> None:
+    dev10 = load_suite('dev10').routes
+    assert [kind for kind, _ in dev10] == list(DEV10)
+    assert set(dev10) <= set(load_suite('b2d220').routes)
+
+
+def test_training_validation_and_evaluation_share_no_route() -> None:
+    train, validation = load_suite('train'), load_suite('validation')
+    assert len(train.routes) >= 1000
+    assert all(seed >= TRAIN_SEED_START for _, seed in train.routes)
+    assert all(VALIDATION_SEED_START <= seed < TRAIN_SEED_START for _, seed in validation.routes)
+
+
+def test_a_shipped_route_is_drawn_again_as_it_stands() -> None:
+    plan = SuitePlan(('VanillaNonSignalizedTurn', 'HardBreakRoute'), 5, 0)
+    routes, _ = draw_suite(plan)
+    shipped = load_suite('b2d220').routes
+    assert {(kind, seed) for kind, seeds in routes.items() for seed in seeds} <= set(shipped)
+
+
+def test_a_scene_whose_actors_crash_is_unfair(monkeypatch) -> None:
+    """Two cars towards each other on one path of the ego's road, which never drives itself."""
+    from raw2drive_ros.simulation import scenario
+    from raw2drive_ros.simulation.layout import RoadLayout, Straight
+    from raw2drive_ros.simulation.scenario import RouteSpec, Scene, StandingSpec, TrafficSpec
+
+    def draw(rng) -> Scene:
+        blind = TrafficSpec('backward', 80.0, 9.0, heedless=True)
+        wall = StandingSpec('barrier', 60.0, 3.5)
+        return Scene(RoadLayout((Straight(200),), 1, 1), RouteSpec(), (blind, wall))
+
+    monkeypatch.setitem(scenario.REGISTRY, 'Crash', scenario.Scenario('Crash', (), draw))
+    assert not is_fair('Crash', 0)
+    with pytest.raises(UnfairScenarioError, match='Crash'):
+        draw_suite(SuitePlan(('Crash',), 1, 0))
+
+
+def test_unknown_and_broken_suites_are_clear_errors(tmp_path) -> None:
+    with pytest.raises(UnknownSuiteError, match='b2d220'):
+        load_suite('nowhere')
+    broken = tmp_path / 'broken.json'
+    broken.write_text('{"name": "x"}')
+    with pytest.raises(UnknownSuiteError, match='not a suite'):
+        load_suite(str(broken))
