@@ -15,7 +15,7 @@ EXAMPLES = """examples:
   raw2drive demo --routes LaneFollowing/3,LaneFollowing/7 --out runs/my_demo
   raw2drive demo --real-time --domain 12"""
 
-DEFAULT_ROUTES = 'LaneFollowing/1,LaneFollowing/2,LaneFollowing/3'
+DEFAULT_ROUTES = 'LaneFollowing/1,LaneFollowing/3,JunctionTurns/1'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

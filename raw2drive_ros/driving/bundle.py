@@ -103,6 +103,8 @@ def save_bundle(
         {k: v.detach().clone().half().contiguous() for k, v in tensors.items()},
         partial / 'weights.safetensors',
     )
+    # safetensors makes files that only their owner can read; a bundle is there to be shared.
+    (partial / 'weights.safetensors').chmod(0o644)
     weights = _hash((partial / 'weights.safetensors').read_bytes())
     body = {
         'format': FORMAT,

@@ -1,6 +1,7 @@
 """Both stages learn one batch by heart, resume exactly, and leave the teacher alone."""
 
 import copy
+import json
 import math
 
 import pytest
@@ -119,15 +120,26 @@ def test_every_ablation_takes_a_step(replay, teacher_run, bag, overrides) -> Non
 
 
 def test_a_killed_run_resumes_to_the_same_weights(workspace, bags, tmp_path) -> None:
-    whole = train('privileged', tmp_path / 'whole', [bags], workspace / 'cache', 10, 'nano', NANO)
-    train('privileged', tmp_path / 'parts', [bags], workspace / 'cache', 5, 'nano', NANO)
-    parts = train('privileged', tmp_path / 'parts', [bags], workspace / 'cache', 10, 'nano', NANO)
+    def dies(step: int, metrics: dict[str, float]) -> None:
+        if step == 10:
+            # After the log line of step 10, before its checkpoint: five steps are lost.
+            raise KeyboardInterrupt
+
+    arguments = [bags], workspace / 'cache', 15, 'nano', NANO
+    whole = train('privileged', tmp_path / 'whole', *arguments)
+    with pytest.raises(KeyboardInterrupt):
+        train('privileged', tmp_path / 'parts', *arguments, report=dies)
+    assert newest_checkpoint(tmp_path / 'parts' / 'checkpoints').name == '00000005'
+    parts = train('privileged', tmp_path / 'parts', *arguments)
     for name, module in whole.modules().items():
         other = parts.modules()[name].state_dict()
         for key, value in module.state_dict().items():
             assert torch.equal(value, other[key]), f'{name}/{key}'
-    steps = [line.split(',')[0] for line in (tmp_path / 'parts' / 'metrics.jsonl').read_text().splitlines()]
-    assert steps == ['{"step": 5', '{"step": 10']
+    logged, expected = (
+        [json.loads(line) | {'time': 0, 'time/step_s': 0} for line in (tmp_path / run / 'metrics.jsonl').open()]
+        for run in ('parts', 'whole')
+    )
+    assert logged == expected
 
 
 def test_a_run_folder_holds_config_metrics_pictures_checkpoint(teacher_run) -> None:
