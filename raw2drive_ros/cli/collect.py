@@ -13,7 +13,9 @@ The bags hold the same topics as those of `raw2drive record`."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--driver', default='rule', help='rule, expert, privileged, raw, straight or random')
+    parser.add_argument(
+        '--driver', default='rule', help='rule, expert, idm, constant, privileged, raw, straight or random'
+    )
     parser.add_argument('--run', dest='training_run', type=Path, help='training run of driver privileged')
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw')
     parser.add_argument('--routes', default='lane-following', help='scenario types, comma separated, or all')

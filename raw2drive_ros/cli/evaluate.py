@@ -17,7 +17,9 @@ bags use seeds from 100000 on."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--driver', default='raw', help='raw, privileged, expert, rule, straight or random')
+    parser.add_argument(
+        '--driver', default='raw', help='raw, privileged, expert, rule, idm, constant, straight or random'
+    )
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--run', dest='training_run', type=Path, help='stage-1 run of driver privileged')
     parser.add_argument('--routes', default='lane-following', help='scenario types, abilities, or all')
@@ -67,8 +69,8 @@ def _routes(options: argparse.Namespace) -> tuple[str, str, list[tuple[str, int]
     from raw2drive_ros.evaluation.suites import load_suite
     from raw2drive_ros.simulation.scenario import load_scenarios
 
-    if options.workers < 1:
-        raise UsageError('--workers: give 1 or more')
+    if options.workers < 1 or options.seeds < 1:
+        raise UsageError('--workers and --seeds: give 1 or more')
     if options.suite is None:
         if options.ability is not None:
             raise UsageError('--ability goes with --suite; without one use --routes ABILITY')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
@@ -10,17 +11,19 @@ import numpy as np
 import torch
 
 from raw2drive_ros.actions import ACTION_COUNT, ACTIONS, nearest_action
-from raw2drive_ros.contract import Decision, SensorFrame
+from raw2drive_ros.contract import Control, Decision, SensorFrame
 from raw2drive_ros.driving.baselines import RandomDriver, StraightDriver
 from raw2drive_ros.driving.driver import Driver
 from raw2drive_ros.evaluation.expert import Expert
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
+from raw2drive_ros.evaluation.simple_drivers import constant_speed, idm
 from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
+from raw2drive_ros.simulation.world import World
 from raw2drive_ros.world_model.distributions import sample_one_hot
 from raw2drive_ros.world_model.rssm import State
 
-DRIVER_NAMES = ('raw', 'privileged', 'expert', 'rule', 'straight', 'random')
+DRIVER_NAMES = ('raw', 'privileged', 'expert', 'rule', 'idm', 'constant', 'straight', 'random')
 
 
 class UnknownDriverError(ValueError):
@@ -87,6 +90,23 @@ class ExpertEpisodes:
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert env.world is not None
         control = self.driver.control(env.world)
+        return Decision(frame.stamp_ns, control, nearest_action(control))
+
+
+class StatelessEpisodes:
+    """A function of the world as driver."""
+
+    needs_cameras = needs_bev = False
+
+    def __init__(self, decide: Callable[[World], Control]) -> None:
+        self.decide = decide
+
+    def reset(self, seed: int) -> None:
+        """Nothing to forget."""
+
+    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
+        assert env.world is not None
+        control = self.decide(env.world)
         return Decision(frame.stamp_ns, control, nearest_action(control))
 
 
@@ -161,6 +181,8 @@ def make_driver(
         return SensorOnly(StraightDriver(), cameras=False)
     if name == 'rule':
         return RuleEpisodes(noise)
+    if name in ('idm', 'constant'):
+        return StatelessEpisodes(idm if name == 'idm' else constant_speed)
     if name == 'expert':
         return ExpertEpisodes()
     if name == 'privileged':

@@ -150,19 +150,22 @@ def _forces_others(world: World) -> bool:
 
 def follow(world: World, plan: Plan) -> Control:
     """Pure pursuit on the route, IDM behind what is on it, stops at lights and signs."""
+    speed = max(world.ego.speed, 0.0)
+    wanted = plan.share * world.speed_limit_at(world.route_s_m)
+    acceleration = min(_idm(world, speed, wanted), _stopping(world, speed, plan))
+    return pedals(acceleration, speed, pursuit_steer(world, plan.offset_m))
+
+
+def pursuit_steer(world: World, offset_m: float = 0.0) -> float:
+    """Steering in [-1, 1] towards a point ahead on the route, `offset_m` to its left."""
     ego = world.ego
-    speed = max(ego.speed, 0.0)
-    ahead = max(4.0, 0.8 * speed)
-    x, y, _ = world.route.pose(world.route_s_m + ahead, plan.offset_m)
+    x, y, _ = world.route.pose(world.route_s_m + max(4.0, 0.8 * max(ego.speed, 0.0)), offset_m)
     dx, dy = x - float(ego.position[0]), y - float(ego.position[1])
     cos, sin = math.cos(ego.heading), math.sin(ego.heading)
     local_x, local_y = dx * cos + dy * sin, -dx * sin + dy * cos
     curvature = 2.0 * local_y / max(local_x * local_x + local_y * local_y, 1e-6)
     wheel = math.atan(curvature * ego.parameters.wheelbase_m)
-    steer = min(max(wheel / ego.parameters.max_steer_rad, -1.0), 1.0)
-    wanted = plan.share * world.speed_limit_at(world.route_s_m)
-    acceleration = min(_idm(world, speed, wanted), _stopping(world, speed, plan))
-    return pedals(acceleration, speed, steer)
+    return min(max(wheel / ego.parameters.max_steer_rad, -1.0), 1.0)
 
 
 def _stopping(world: World, speed: float, plan: Plan) -> float:

@@ -109,6 +109,9 @@ class BridgeNode(Node):
                 self.reset_to = None
             self._drive(scenario, episode_seed, index)
             index += self.reset_to is None
+        # Publishers take what nobody has received yet with them when they go.
+        for publisher in self.outputs.values():
+            publisher.wait_for_all_acked(Duration(seconds=1))
         self._write_results()
 
     def _drive(self, scenario: str, seed: int, index: int) -> None:

@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import json
 import struct
+import time
 from pathlib import Path
 from typing import Any
 
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from raw2drive_ros import topics
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription
-from raw2drive_ros.nodes.runtime import NodeError, run_node
+from raw2drive_ros.nodes.runtime import NodeError, StopRequest, run_node, spin
 from raw2drive_ros.recording.bag_writer import BagExistsError, BagWriter, DiskFullError
 
 DEPTH = 200
+DRAIN_QUIET_S = 0.1
+DRAIN_LIMIT_S = 0.8
 
 
 class RecorderNode(Node):
-    """Ctrl-C and SIGTERM close the bag. Loss is reported per topic beside the bag."""
+    """Ctrl-C and SIGTERM close the bag, after what has arrived by then is written. Loss is reported per topic."""
+
+    drains = True
+    stop: StopRequest
 
     def __init__(self) -> None:
         super().__init__('recorder')
@@ -63,6 +70,17 @@ class RecorderNode(Node):
                 self.get_logger().error(f'recording stopped: {error}')
 
         return callback
+
+    def run(self, executor: SingleThreadedExecutor) -> None:
+        spin(self, executor, until=lambda: self.stop.requested)
+        # Messages that are in the queues already belong into the bag: take them until none comes any more.
+        deadline = time.monotonic() + DRAIN_LIMIT_S
+        seen = -1
+        while seen != (now := sum(self.bag.counts.values())) and time.monotonic() < deadline:
+            seen = now
+            quiet_at = time.monotonic() + DRAIN_QUIET_S
+            while time.monotonic() < quiet_at:
+                executor.spin_once(timeout_sec=0.01)
 
     def close(self) -> None:
         path = self.bag.close()

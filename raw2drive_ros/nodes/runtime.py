@@ -5,17 +5,31 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable
+from types import FrameType
 from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from raw2drive_ros.nodes.transport import configure_transport, warn
 
 
 class NodeError(RuntimeError):
     """A node cannot do its work; one line says why and what to do."""
+
+
+class StopRequest:
+    """SIGINT and SIGTERM as a flag, for nodes that have work to finish before their context may end."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._request)
+
+    def _request(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
 
 
 def spin(node: Node, executor: SingleThreadedExecutor, until: Callable[[], bool] = lambda: False) -> None:
@@ -30,16 +44,23 @@ def spin(node: Node, executor: SingleThreadedExecutor, until: Callable[[], bool]
 
 
 def run_node(make: Callable[[], Any], args: list[str] | None = None) -> int:
-    """Run a node to its end and return the exit code. The node may have `run(executor)` and `close()`."""
+    """Run a node to its end and return the exit code.
+
+    The node may have `run(executor)` and `close()`. One whose class says `drains` gets signals as its
+    attribute `stop`, and ends by itself.
+    """
     warn(configure_transport())
     # Shells start background jobs with SIGINT ignored; a recorder that ignores Ctrl-C never closes its bag.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     code = 0
     node: Any = None
-    rclpy.init(args=args)
+    drains = getattr(make, 'drains', False)
+    stop = StopRequest() if drains else None
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if drains else None)
     try:
         node = make()
+        node.stop = stop
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         if hasattr(node, 'run'):

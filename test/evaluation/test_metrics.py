@@ -111,7 +111,7 @@ def test_results_are_resumed_and_a_torn_last_line_is_driven_again(tmp_path) -> N
 
 def test_results_of_another_driver_are_not_mixed_in(tmp_path) -> None:
     lines = tmp_path / 'lines.jsonl'
-    evaluate(DriverSpec('rule'), 'x', '1', [], lines=lines)
+    evaluate(DriverSpec('rule'), 'x', '1', [('VanillaNonSignalizedTurn', 0)], lines=lines)
     with pytest.raises(ResultsError, match="driver 'rule', not 'straight'"):
         evaluate(DriverSpec('straight'), 'x', '1', [], lines=lines)
 
