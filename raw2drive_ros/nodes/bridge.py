@@ -90,6 +90,7 @@ class BridgeNode(Node):
         self.results: list[dict[str, Any]] = []
         self.episode = ''
         self.tick_started = 0.0
+        self.due = 0.0
 
     # -- main loop --------------------------------------------------------------------------------
 
@@ -120,6 +121,7 @@ class BridgeNode(Node):
         self.policy.reset()
         self._publish_route(tick)
         ticks = 0
+        self.due = time.perf_counter()
         limit = int(self.p['max_ticks'])
         while not self.env.done and (not limit or ticks < limit):
             self.tick_started = time.perf_counter()
@@ -141,9 +143,13 @@ class BridgeNode(Node):
 
     def _wait_for_command(self, tick: Tick) -> Control:
         """Lock-step: the answer to this stamp. Real time: what has arrived when the tick's time is up."""
-        period = 1.0 / self.timing.decision_rate_hz
-        wait = self.timing.lock_step_timeout_s if self.lock_step else period
-        deadline = self.tick_started + wait
+        if self.lock_step:
+            deadline = self.tick_started + self.timing.lock_step_timeout_s
+        else:
+            # A fixed schedule: simulating a tick takes from its own time, not from the next one's.
+            self.due = max(self.due + 1.0 / self.timing.decision_rate_hz, time.perf_counter())
+            deadline = self.due
+            self.executor_.spin_once(timeout_sec=0.0)
         resend = self.tick_started + RESEND_AFTER_S
         while (left := deadline - time.perf_counter()) > 0:
             if self.lock_step and self.answer is not None and self.answer[0] == tick.stamp_ns:
