@@ -61,53 +61,31 @@ class SensorOnly:
         return self.driver.drive(frame, tick.route)
 
 
-class RuleEpisodes:
-    """The rule driver, with a fresh noise state per episode."""
+class WorldEpisodes:
+    """A driver that reads the simulator's state. make: seed -> a fresh decision function for one episode."""
 
     needs_cameras = needs_bev = False
 
-    def __init__(self, noise: float = 0.0) -> None:
-        self.noise = noise
+    def __init__(self, make: Callable[[int], Callable[[World], Control]]) -> None:
+        self.make = make
 
     def reset(self, seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        self.driver = RuleDriver(rng, self.noise if rng.random() < 0.75 else 0.0)
-
-    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
-        assert env.world is not None
-        control = self.driver.control(env.world)
-        return Decision(frame.stamp_ns, control, nearest_action(control))
-
-
-class ExpertEpisodes:
-    """The expert that looks ahead in a twin of the simulation."""
-
-    needs_cameras = needs_bev = False
-
-    def reset(self, seed: int) -> None:
-        self.driver = Expert()
-
-    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
-        assert env.world is not None
-        control = self.driver.control(env.world)
-        return Decision(frame.stamp_ns, control, nearest_action(control))
-
-
-class StatelessEpisodes:
-    """A function of the world as driver."""
-
-    needs_cameras = needs_bev = False
-
-    def __init__(self, decide: Callable[[World], Control]) -> None:
-        self.decide = decide
-
-    def reset(self, seed: int) -> None:
-        """Nothing to forget."""
+        self.decide = self.make(seed)
 
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert env.world is not None
         control = self.decide(env.world)
         return Decision(frame.stamp_ns, control, nearest_action(control))
+
+
+def rule_episodes(noise: float = 0.0) -> WorldEpisodes:
+    """The rule driver; with noise, three of four episodes have bursts of random actions."""
+
+    def make(seed: int) -> Callable[[World], Control]:
+        rng = np.random.default_rng(seed)
+        return RuleDriver(rng, noise if rng.random() < 0.75 else 0.0).control
+
+    return WorldEpisodes(make)
 
 
 class PrivilegedEpisodes:
@@ -180,11 +158,11 @@ def make_driver(
     if name == 'straight':
         return SensorOnly(StraightDriver(), cameras=False)
     if name == 'rule':
-        return RuleEpisodes(noise)
+        return rule_episodes(noise)
     if name in ('idm', 'constant'):
-        return StatelessEpisodes(idm if name == 'idm' else constant_speed)
+        return WorldEpisodes(lambda seed: idm if name == 'idm' else constant_speed)
     if name == 'expert':
-        return ExpertEpisodes()
+        return WorldEpisodes(lambda seed: Expert().control)
     if name == 'privileged':
         if run is None:
             raise UnknownDriverError('driver privileged needs the run that trained it (--run)')

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from raw2drive_ros.contract import Control
-from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
+from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m, first_on_path
 from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
 
 REPLAN_TICKS = 4
@@ -28,6 +28,7 @@ SPEED_SHARES = (0.95, 0.65, 0.4, 0.2, 0.0)
 OFFSETS_M = (0.0, -0.7, 0.7)
 IDM_TIME_GAP_S = 1.0
 IDM_GAP_M = 3.0
+SIGHT_M = 45.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,28 +214,15 @@ def _idm(world: World, speed: float, wanted: float) -> float:
     free = 3.0 * (1.0 - speed / wanted) if wanted > 0.1 else -4.0 if speed > 0.1 else 0.0
     free = max(free, -5.0)
     gap, closing = leader(world)
-    if gap > 45.0:
+    if gap > SIGHT_M:
         return min(free, 3.0)
     desired = IDM_GAP_M + max(0.0, speed * IDM_TIME_GAP_S + speed * closing / (2.0 * math.sqrt(3.0 * 4.0)))
     return max(min(free, 3.0 * (1.0 - (desired / max(gap, 0.1)) ** 2)), -8.0)
 
 
-def leader(world: World, reach_m: float = 45.0) -> tuple[float, float]:
-    """(free gap, closing speed) to the first actor in the ego's corridor along the route, or (inf, 0)."""
-    ego = world.ego
-    others = np.flatnonzero(np.abs(world.positions[:-1] - ego.position).max(axis=1) < reach_m)
-    first = max(0, int((world.route_s_m + 1.0) * 2))
-    window = world.route.points_m[first : first + int(reach_m * 2) : 2]
-    if not len(others) or not len(window):
-        return math.inf, 0.0
-    delta = world.positions[others, None] - window[None]
-    reach = world.half_widths[others] + ego.WIDTH / 2 + 0.2
-    hits_at = np.einsum('apk,apk->ap', delta, delta) < (reach**2)[:, None]
-    along = np.where(hits_at.any(axis=1), hits_at.argmax(axis=1), 10_000)
-    best = int(np.argmin(along))
-    if along[best] == 10_000:
-        return math.inf, 0.0
-    other = others[best]
-    cos = math.cos(ego.heading - world.headings[other])
-    gap = along[best] + 1.0 + reach[best] * 0.5 - ego.LENGTH / 2 - world.half_lengths[other] * abs(cos)
-    return max(float(gap), 0.05), float(ego.speed - world.speeds[other] * cos)
+def leader(world: World) -> tuple[float, float]:
+    """(free gap, closing speed) to the first thing in the ego's corridor along the route, or (inf, 0)."""
+    # From 1 m ahead: what stands beside the ego's centre is no leader.
+    window = world.route.window(world.route_s_m + 1.0, SIGHT_M)
+    gap, closing = first_on_path(world, world.ego, window, 0.2, SIGHT_M)
+    return gap + 1.0, closing

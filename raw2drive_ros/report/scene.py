@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from raw2drive_ros.bev_channels import CHANNELS
-from raw2drive_ros.evaluation.drivers import RuleEpisodes
+from raw2drive_ros.evaluation.drivers import rule_episodes
 from raw2drive_ros.report.colours import colour_masks
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 
@@ -18,7 +18,7 @@ TICKS = 60
 def save_scene(target: Path, scenario: str, seed: int, image_size: tuple[int, int]) -> Path:
     """Drive `TICKS` ticks with the rule driver and write a PNG."""
     env = DrivingEnv(SimulationConfig(image_size, end_on_infraction=False))
-    driver = RuleEpisodes()
+    driver = rule_episodes()
     driver.reset(seed)
     tick, _ = env.reset(seed=seed, options={'scenario': scenario})
     for _ in range(TICKS):

@@ -142,26 +142,7 @@ class PathVehicle(Vehicle):
         """(free gap, closing speed) to the first thing on the path ahead, or (inf, 0)."""
         if self.heedless:
             return math.inf, 0.0
-        index = world.index_of(self)
-        near = np.abs(world.positions - self.position).max(axis=1) < LOOK_AHEAD_M
-        near[index] = False
-        others = np.flatnonzero(near)
-        if not len(others):
-            return math.inf, 0.0
-        window = self.path.window(self.s_m, LOOK_AHEAD_M)
-        if not len(window):
-            return math.inf, 0.0
-        delta = world.positions[others, None] - window[None]
-        reach = world.half_widths[others] + self.WIDTH / 2 + 0.3
-        hits = np.einsum('apk,apk->ap', delta, delta) < (reach**2)[:, None]
-        first = np.where(hits.any(axis=1), hits.argmax(axis=1), 10_000)
-        best = int(np.argmin(first))
-        if first[best] == 10_000:
-            return math.inf, 0.0
-        other = others[best]
-        cos = math.cos(self.heading - world.headings[other])
-        gap = float(first[best]) + reach[best] * 0.5 - self.LENGTH / 2 - world.half_lengths[other] * abs(cos)
-        return max(gap, 0.05), self.speed - world.speeds[other] * cos
+        return first_on_path(world, self, self.path.window(self.s_m, LOOK_AHEAD_M))
 
     def step(self, dt: float) -> None:
         self.speed = max(0.0, self.speed + self.command_acceleration * dt)
@@ -179,6 +160,31 @@ class PathVehicle(Vehicle):
             self.heading = math.atan2(moved_y, moved_x)
         self.position[:] = ahead[:2]
         self.gone = self.s_m > self.path.length_m + 2.0
+
+
+def first_on_path(
+    world: World, follower: Vehicle, window_m: Float64, margin_m: float = 0.3, reach_m: float = LOOK_AHEAD_M
+) -> tuple[float, float]:
+    """(free gap, closing speed) from `follower` to the first thing that reaches into its corridor, or (inf, 0).
+
+    window_m: (M, 2) points of its path, 1 m apart, from where it is. margin_m: room on either side of it.
+    """
+    near = np.abs(world.positions - follower.position).max(axis=1) < reach_m
+    near[world.index_of(follower)] = False
+    others = np.flatnonzero(near)
+    if not len(others) or not len(window_m):
+        return math.inf, 0.0
+    delta = world.positions[others, None] - window_m[None]
+    reach = world.half_widths[others] + follower.WIDTH / 2 + margin_m
+    hits = np.einsum('apk,apk->ap', delta, delta) < (reach**2)[:, None]
+    first = np.where(hits.any(axis=1), hits.argmax(axis=1), 10_000)
+    best = int(np.argmin(first))
+    if first[best] == 10_000:
+        return math.inf, 0.0
+    other = others[best]
+    cos = math.cos(follower.heading - world.headings[other])
+    gap = float(first[best]) + reach[best] * 0.5 - follower.LENGTH / 2 - world.half_lengths[other] * abs(cos)
+    return max(float(gap), 0.05), float(follower.speed - world.speeds[other] * cos)
 
 
 def _ease(part: float) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from raw2drive_ros.contract import Control
-from raw2drive_ros.evaluation.drivers import ExpertEpisodes
+from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.simulation.actors import CarDoor
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
@@ -42,7 +42,7 @@ def test_all_44_types_with_their_abilities() -> None:
     ],
 )
 def test_the_expert_solves(name) -> None:
-    result = drive_route(DrivingEnv(FAST), ExpertEpisodes(), name, 2).result
+    result = drive_route(DrivingEnv(FAST), make_driver('expert'), name, 2).result
     assert result.success, result
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
-from raw2drive_ros.evaluation.drivers import RuleEpisodes
+from raw2drive_ros.evaluation.drivers import rule_episodes
 from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.recording.dataset import load_bags, rig_of
 from raw2drive_ros.recording.masks import MaskCodec
@@ -182,7 +182,7 @@ def test_paper_preset_keeps_43_classes_and_takes_a_step_of_both_stages(tmp_path)
     assert len(model.mask_classes) == 43
     assert (model.deter, model.stoch, model.grid) == (6144, 32, 16)
     collecting = CollectConfig(('LaneFollowing',), ticks=3, episode_ticks=3, image_size=model.image_size)
-    for _ in collect(tmp_path / 'bags', collecting, RuleEpisodes(), {'driver': 'rule'}):
+    for _ in collect(tmp_path / 'bags', collecting, rule_episodes(), {'driver': 'rule'}):
         pass
     bags = load_bags(find_bags([tmp_path / 'bags']), tmp_path / 'cache', model, cameras=True)
     batch = Replay(bags, MaskCodec(model), 2, 0.0, 0).sample(1, images=True)
