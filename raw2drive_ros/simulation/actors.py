@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 LOOK_AHEAD_M = 50.0
 DOOR_OPENS_IN_S = 0.6
+# Slower targets than this mean: stand until a script says go.
+CREEP_MPS = 0.05
+ALIGNED_COS = 0.75
+STANDING_MPS = 0.5
 
 # kind: (length, width, height) in metres.
 SIZES_M = {
@@ -75,6 +79,27 @@ class Script:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Meeting:
+    """Arrive at a point when the ego does: `own_s_m` on the own path is `ego_s_m` on the ego's route.
+
+    The speed is steered until the ego is `commit_m` away from the point, and kept from then on.
+    """
+
+    own_s_m: float
+    ego_s_m: float
+    speeds_mps: tuple[float, float] = (3.0, 12.0)
+    commit_m: float = 9.0
+
+    def acceleration(self, world: World, vehicle: PathVehicle) -> float:
+        left, ego_left = self.own_s_m - vehicle.s_m, self.ego_s_m - world.route_s_m
+        if left <= 0.0 or ego_left < self.commit_m:
+            return 0.0
+        wanted = left * max(world.ego.speed, 1.0) / ego_left
+        wanted = min(max(wanted, self.speeds_mps[0]), self.speeds_mps[1])
+        return min(max(2.0 * (wanted - vehicle.speed), -4.0), 4.0)
+
+
 class PathVehicle(Vehicle):
     """Traffic on a fixed path: IDM towards whatever occupies the path ahead, and to closed stop lines.
 
@@ -93,6 +118,8 @@ class PathVehicle(Vehicle):
         heedless: bool = False,
         waits_at_m: tuple[tuple[float, Callable[[World], bool]], ...] = (),
         lateral_m: float = 0.0,
+        meeting: Meeting | None = None,
+        has_priority: bool = False,
     ) -> None:
         x, y, yaw = path.pose(s_m, lateral_m)
         super().__init__(None, (x, y), yaw, speed_mps)
@@ -107,6 +134,8 @@ class PathVehicle(Vehicle):
         self.heedless = heedless
         self.waits_at_m = waits_at_m
         self.base_lateral_m = self.lateral_m = lateral_m
+        self.meeting = meeting
+        self.has_priority = has_priority
         self.command_acceleration = 0.0
         self.gone = False
 
@@ -122,6 +151,8 @@ class PathVehicle(Vehicle):
                 self.target_speed = script.target_speed_mps
             if script.acceleration_mps2 is not None:
                 forced = script.acceleration_mps2 if self.speed > script.until_speed_mps else 0.0
+        if self.meeting is not None and self.target_speed > CREEP_MPS:
+            forced = self.meeting.acceleration(world, self)
         self.command_acceleration = self._idm(world) if forced is None else forced
 
     def _idm(self, world: World) -> float:
@@ -142,7 +173,16 @@ class PathVehicle(Vehicle):
         """(free gap, closing speed) to the first thing on the path ahead, or (inf, 0)."""
         if self.heedless:
             return math.inf, 0.0
-        return first_on_path(world, self, self.path.window(self.s_m, LOOK_AHEAD_M))
+        if (
+            self.has_priority
+            and world.ego.speed > STANDING_MPS
+            and math.cos(self.heading - world.ego.heading) < ALIGNED_COS
+        ):
+            # The ego crosses: it has to wait, so this driver does not look out for it.
+            blind_to = len(world.actors)
+        else:
+            blind_to = -1
+        return first_on_path(world, self, self.path.window(self.s_m, LOOK_AHEAD_M), blind_to=blind_to)
 
     def step(self, dt: float) -> None:
         self.speed = max(0.0, self.speed + self.command_acceleration * dt)
@@ -163,14 +203,22 @@ class PathVehicle(Vehicle):
 
 
 def first_on_path(
-    world: World, follower: Vehicle, window_m: Float64, margin_m: float = 0.3, reach_m: float = LOOK_AHEAD_M
+    world: World,
+    follower: Vehicle,
+    window_m: Float64,
+    margin_m: float = 0.3,
+    reach_m: float = LOOK_AHEAD_M,
+    blind_to: int = -1,
 ) -> tuple[float, float]:
     """(free gap, closing speed) from `follower` to the first thing that reaches into its corridor, or (inf, 0).
 
     window_m: (M, 2) points of its path, 1 m apart, from where it is. margin_m: room on either side of it.
+    blind_to: row of the world's arrays that it does not see; -1 for none.
     """
     near = np.abs(world.positions - follower.position).max(axis=1) < reach_m
     near[world.index_of(follower)] = False
+    if blind_to >= 0:
+        near[blind_to] = False
     others = np.flatnonzero(near)
     if not len(others) or not len(window_m):
         return math.inf, 0.0

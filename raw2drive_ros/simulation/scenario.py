@@ -60,7 +60,12 @@ class RouteSpec:
 @dataclass(frozen=True, slots=True)
 class TrafficSpec:
     """One vehicle on a path: `forward` (a lane of the ego's road), `backward`, `ramp`, or a crossing
-    (`('left', 'right')`, ...) of junction `junction`. `s_m` is along that path."""
+    (`('left', 'right')`, ...) of junction `junction`. `s_m` is along that path.
+
+    meets_ego: once its scripts have set it going, it keeps its time of arrival at the junction's centre
+    equal to the ego's, until either is near. has_priority: does not brake for an ego that crosses its path.
+    enters_at_s: when it drives into the world, once the place is free.
+    """
 
     on: str | tuple[str, str]
     s_m: float
@@ -73,6 +78,9 @@ class TrafficSpec:
     junction: int = 0
     obeys_light: bool = False
     lateral_m: float = 0.0
+    meets_ego: bool = False
+    has_priority: bool = False
+    enters_at_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 
 from raw2drive_ros.contract import Control, Float64
-from raw2drive_ros.simulation.actors import Actor, CarDoor, PathVehicle, StandingObject, Walker, twin_of
+from raw2drive_ros.simulation.actors import Actor, CarDoor, Meeting, PathVehicle, StandingObject, Walker, twin_of
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
 from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
@@ -35,6 +35,7 @@ HISTORY_TICKS = 16
 CURVE_LATERAL_MPS2 = 3.0
 CURVE_BRAKING_MPS2 = 2.0
 CHECKPOINT_SPACING_M = 25.0
+ENTRY_ROOM_M = 3.0
 
 
 class World:
@@ -54,7 +55,15 @@ class World:
         self.physics_ticks = 0
         self.lights = [self._light(spec) for spec in self.scene.lights]
         self.stop_signs = [self._stop_sign(spec.junction) for spec in self.scene.stop_signs]
-        self.actors: list[Actor] = [self._actor(spec, rng) for spec in self.scene.actors]
+        self.actors: list[Actor] = []
+        self.pending: list[tuple[float, Actor]] = []
+        for spec in self.scene.actors:
+            actor = self._actor(spec, rng)
+            if isinstance(spec, TrafficSpec) and spec.enters_at_s > 0.0:
+                self.pending.append((spec.enters_at_s, actor))
+            else:
+                self.actors.append(actor)
+        self.pending.sort(key=lambda entry: entry[0])
         self.history: deque[tuple[list[Actor], Float64]] = deque(maxlen=HISTORY_TICKS)
         self.ego_history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_TICKS)
         self.light_history: deque[tuple[str, ...]] = deque(maxlen=HISTORY_TICKS)
@@ -75,6 +84,7 @@ class World:
         self.physics_ticks += 1
         self.time_s = self.physics_ticks / PHYSICS_HZ
         self.actors = [actor for actor in self.actors if not actor.gone]
+        self._let_in()
         self.route_s_m, self.route_lateral_m = self.route.project(
             float(self.ego.position[0]), float(self.ego.position[1]), self.route_s_m
         )
@@ -90,12 +100,23 @@ class World:
         twin.ego = copy.copy(self.ego)
         twin.ego.position = self.ego.position.copy()
         twin.actors = [twin_of(actor) for actor in self.actors]
+        twin.pending = [(time_s, twin_of(actor)) for time_s, actor in self.pending]
         twin.lights = [copy.copy(light) for light in self.lights]
         twin.stop_signs = [copy.copy(sign) for sign in self.stop_signs]
         twin.history = deque(maxlen=1)
         twin.ego_history, twin.light_history = deque(maxlen=1), deque(maxlen=1)
         twin._refresh()
         return twin
+
+    def _let_in(self) -> None:
+        """Traffic that is due drives into the world, one after another, where there is room."""
+        if not self.pending or self.time_s < self.pending[0][0]:
+            return
+        actor = self.pending[0][1]
+        room = actor.LENGTH + ENTRY_ROOM_M
+        if all(np.abs(other.position - actor.position).max() > room for other in (*self.actors, self.ego)):
+            self.actors.append(actor)
+            del self.pending[0]
 
     def _disturb(self) -> None:
         self.ego.steer_push, self.ego.grip = 0.0, 1.0
@@ -189,7 +210,19 @@ class World:
             spec.heedless,
             waits,
             spec.lateral_m,
+            self._meeting(spec, path) if spec.meets_ego else None,
+            spec.has_priority,
         )
+
+    def _meeting(self, spec: TrafficSpec, path: Path) -> Meeting:
+        """Where the paths of a vehicle and of the ego cross: the closest pair of points of the two."""
+        site = self.road.junctions[spec.junction]
+        reach = site.half_size_m + 2.0
+        own, ego = (np.abs(p.points_m - site.centre_m).max(axis=1) < reach for p in (path, self.route))
+        own_at, ego_at = np.flatnonzero(own), np.flatnonzero(ego)
+        gaps = path.points_m[own_at, None] - self.route.points_m[None, ego_at]
+        i, j = np.unravel_index(np.argmin(np.einsum('abk,abk->ab', gaps, gaps)), (len(own_at), len(ego_at)))
+        return Meeting(float(own_at[i]) * SPACING_M, float(ego_at[j]) * SPACING_M)
 
     def _stop_line_s_m(self, spec: TrafficSpec, path: Path) -> float:
         """Arc length on a vehicle's path of its stop line before junction `spec.junction`."""

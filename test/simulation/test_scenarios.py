@@ -6,6 +6,7 @@ import pytest
 from raw2drive_ros.contract import Control
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
+from raw2drive_ros.evaluation.expert import pursuit_steer
 from raw2drive_ros.simulation.actors import CarDoor
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.scenario import load_scenarios
@@ -95,3 +96,40 @@ def test_the_exit_route_leaves_the_road_to_the_right() -> None:
     main = world.road.forward_path(1)
     assert main.project(end[0], end[1])[1] < -5.0
     assert np.degrees(end[2]) == pytest.approx(-16.0, abs=0.5)
+
+
+def test_who_has_priority_does_not_brake_for_a_crossing_ego_but_for_a_standing_one() -> None:
+    """The ego in the path of a car with right of way, turned across it: moving, then standing."""
+    world = world_of('NonSignalizedJunctionRightTurn').world
+    car = next(a for a in world.actors if getattr(a, 'has_priority', False))
+    x, y, yaw = car.path.pose(car.s_m + 9.0)
+    world.ego.position[:] = (x, y)
+    world.ego.heading = yaw + np.pi / 2
+    for speed, brakes in ((4.0, False), (0.0, True)):
+        world.ego.speed = speed
+        world._refresh()
+        car.think(world)
+        assert (car.command_acceleration < -2.0) == brakes, speed
+
+
+@pytest.mark.parametrize('throttle', [0.2, 0.3])
+def test_the_red_light_runner_meets_the_ego_at_whatever_speed(throttle) -> None:
+    env = world_of('OppositeVehicleRunningRedLight', 3)
+    while not env.done:
+        env.step(Control(throttle, 0.0, pursuit_steer(env.world)))
+    assert env.criteria.events.get('collision_vehicle') == 1
+
+
+def test_late_traffic_enters_when_it_is_due_and_the_place_is_free() -> None:
+    world = world_of('EnterActorFlow', 1).world
+    waiting = len(world.pending)
+    due = world.pending[0][0]
+    assert waiting > 2
+    seen = set()
+    while world.time_s < 40.0:
+        world.step(Control(0.0, 1.0))
+        if world.time_s < due - 0.1:
+            assert len(world.pending) == waiting
+        seen |= {id(actor) for actor in world.actors}
+    assert not world.pending
+    assert len(seen) == len(world.scene.actors)

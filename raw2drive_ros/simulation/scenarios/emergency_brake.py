@@ -82,11 +82,10 @@ def priority_taken(rng: Rng) -> Scene:
             Script(
                 ego_at_s_m=float(rng.uniform(28, 40)),
                 target_speed_mps=speed,
-                acceleration_mps2=4.0,
-                until_speed_mps=-1.0,
             ),
         ),
         heedless=True,
+        meets_ego=True,
     )
     layout = RoadLayout((Straight(70), Junction('ahead'), Straight(60)), 1, 1, 10.0)
     return Scene(layout, RouteSpec(start_speed_mps=4.0), (runner,))
@@ -172,11 +171,10 @@ def red_light_runner(rng: Rng) -> Scene:
             Script(
                 ego_at_s_m=straight - float(rng.uniform(30, 42)),
                 target_speed_mps=float(rng.uniform(6, 9)),
-                acceleration_mps2=4.0,
-                until_speed_mps=-1.0,
             ),
         ),
         heedless=True,
+        meets_ego=True,
     )
     layout = RoadLayout((Straight(straight), Junction('ahead', control='light'), Straight(60)), 1, 1, 10.0)
     return Scene(layout, RouteSpec(start_speed_mps=4.0), (runner,), (LightSpec(0, (('green', 120.0),)),))
@@ -213,7 +211,7 @@ def control_loss(rng: Rng) -> Scene:
         DisturbanceSpec(
             first + 45.0 * i,
             float(rng.uniform(8, 14)),
-            float(rng.uniform(0.15, 0.3)) * float(rng.choice((-1, 1))),
+            float(rng.uniform(0.3, 0.5)) * float(rng.choice((-1, 1))),
             float(rng.uniform(0.3, 0.6)),
         )
         for i in range(3)

@@ -12,7 +12,7 @@ from raw2drive_ros.simulation.world import World
 def invading_turn(rng: Rng) -> Scene:
     """Oncoming cars drift over the centre line in a curve."""
     angle = float(rng.uniform(0.5, 0.9)) * float(rng.choice((-1, 1)))
-    drift = -float(rng.uniform(0.6, 1.0))
+    drift = -float(rng.uniform(1.0, 1.5))
     oncoming = tuple(
         TrafficSpec(
             'backward',

@@ -48,7 +48,9 @@ def t_junction(rng: Rng) -> Scene:
     turn = str(rng.choice(('left', 'right')))
     source, target = (('left', 'right'), ('right', 'left'))[int(rng.integers(0, 2))]
     speed = float(rng.uniform(5, 8))
-    cars = tuple(TrafficSpec((source, target), float(s), speed) for s in (20 + rng.uniform(0, 25), 3.0))
+    cars = tuple(
+        TrafficSpec((source, target), float(s), speed, has_priority=True) for s in (20 + rng.uniform(0, 25), 3.0)
+    )
     layout = RoadLayout((Straight(65), Junction(turn, ('left', 'right')), Straight(60)), 1, 1, 9.0)
     return Scene(layout, RouteSpec(start_speed_mps=4.0), cars[: int(rng.integers(1, 3))])
 
