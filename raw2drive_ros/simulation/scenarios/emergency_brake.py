@@ -80,7 +80,7 @@ def priority_taken(rng: Rng) -> Scene:
         target_speed_mps=0.01,
         scripts=(
             Script(
-                ego_at_s_m=float(rng.uniform(28, 40)),
+                ego_at_s_m=float(rng.uniform(16, 28)),
                 target_speed_mps=speed,
             ),
         ),
@@ -169,7 +169,7 @@ def red_light_runner(rng: Rng) -> Scene:
         target_speed_mps=0.01,
         scripts=(
             Script(
-                ego_at_s_m=straight - float(rng.uniform(30, 42)),
+                ego_at_s_m=straight - float(rng.uniform(42, 54)),
                 target_speed_mps=float(rng.uniform(6, 9)),
             ),
         ),
