@@ -53,6 +53,8 @@ class Path:
         if hint_s_m is None:
             first, last = 0, len(self._x)
         else:
+            # Who has left the path beyond one of its ends carries a hint from out there.
+            hint_s_m = min(max(hint_s_m, 0.0), self.length_m)
             first = max(0, int((hint_s_m - window_m) / SPACING_M))
             last = min(len(self._x), int((hint_s_m + window_m) / SPACING_M) + 2)
             first = min(first, last - 2)

@@ -47,6 +47,16 @@ def test_the_expert_solves(name) -> None:
     assert result.success, result
 
 
+@pytest.mark.parametrize('reverse', [True, False])
+def test_driving_far_beyond_either_end_of_the_route_is_no_crash(reverse) -> None:
+    world = world_of('VanillaNonSignalizedTurn').world
+    for _ in range(1200):
+        world.step(Control(0.5, 0.0, 0.0, reverse))
+    assert (world.route_s_m < -20.0) == reverse
+    x, y = (float(v) for v in world.ego.position)
+    assert world.route.project(x, y, world.route_s_m)[0] == pytest.approx(world.route_s_m, abs=1.0)
+
+
 def test_a_twin_goes_its_own_way_and_leaves_the_world_alone() -> None:
     env = world_of('NonSignalizedJunctionLeftTurn', 1)
     world = env.world
