@@ -38,9 +38,8 @@ def run(options: argparse.Namespace) -> int:
     total = plan.per_type * len(plan.types)
     with bar(f'drawing {options.name}', total, 'routes') as advance:
         routes, rejected = draw_suite(plan, advance)
-    body = {'name': options.name, 'version': options.version, 'routes': routes}
     lines = ',\n'.join(f'    {json.dumps(kind)}: {json.dumps(seeds)}' for kind, seeds in routes.items())
-    head = json.dumps({k: body[k] for k in ('name', 'version')})[1:-1]
+    head = f'"name": {json.dumps(options.name)}, "version": {json.dumps(options.version)}'
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(f'{{\n  {head},\n  "routes": {{\n{lines}\n  }}\n}}\n')
     share = 100.0 * rejected / (total + rejected)

@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.evaluation.drivers import Blindfold, EpisodeDriver, make_driver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.metrics import RouteResult, summarise
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+from raw2drive_ros.training.checkpoint import newest_checkpoint
 
 Routes = list[tuple[str, int]]
 OnRoute = Callable[[int, RouteResult], None]
@@ -40,9 +42,14 @@ class DriverSpec:
         return Blindfold(driver) if self.blind else driver
 
     def identity(self) -> str:
-        """Tells results of different drivers apart."""
-        source = self.bundle if self.name == 'raw' else self.run if self.name == 'privileged' else None
-        return ' '.join(filter(None, (self.name, str(source or ''), 'blind' if self.blind else '')))
+        """Tells results of different drivers apart: by their weights, not by where those lie."""
+        weights = ''
+        if self.name == 'raw' and self.bundle is not None:
+            weights = load_bundle(self.bundle).identity
+        elif self.name == 'privileged' and self.run is not None:
+            checkpoint = newest_checkpoint(self.run / 'checkpoints')
+            weights = f'{self.run} {checkpoint.name if checkpoint else ""}'
+        return ' '.join(filter(None, (self.name, weights, 'blind' if self.blind else '')))
 
 
 def timing_of(tick_ms: list[float], lost: int = 0) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from raw2drive_ros.contract import Control
+from raw2drive_ros.evaluation.following import pedals, pursuit_steer
 from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m, first_on_path
 from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
 
@@ -26,6 +27,7 @@ ZONE_SIGHT_M = 14.0
 PASS_LIMIT_S = 18.0
 SPEED_SHARES = (0.95, 0.65, 0.4, 0.2, 0.0)
 OFFSETS_M = (0.0, -0.7, 0.7)
+LOOK_AHEAD_S = 0.8
 IDM_TIME_GAP_S = 1.0
 IDM_GAP_M = 3.0
 SIGHT_M = 45.0
@@ -154,19 +156,7 @@ def follow(world: World, plan: Plan) -> Control:
     speed = max(world.ego.speed, 0.0)
     wanted = plan.share * world.speed_limit_at(world.route_s_m)
     acceleration = min(_idm(world, speed, wanted), _stopping(world, speed, plan))
-    return pedals(acceleration, speed, pursuit_steer(world, plan.offset_m))
-
-
-def pursuit_steer(world: World, offset_m: float = 0.0) -> float:
-    """Steering in [-1, 1] towards a point ahead on the route, `offset_m` to its left."""
-    ego = world.ego
-    x, y, _ = world.route.pose(world.route_s_m + max(4.0, 0.8 * max(ego.speed, 0.0)), offset_m)
-    dx, dy = x - float(ego.position[0]), y - float(ego.position[1])
-    cos, sin = math.cos(ego.heading), math.sin(ego.heading)
-    local_x, local_y = dx * cos + dy * sin, -dx * sin + dy * cos
-    curvature = 2.0 * local_y / max(local_x * local_x + local_y * local_y, 1e-6)
-    wheel = math.atan(curvature * ego.parameters.wheelbase_m)
-    return min(max(wheel / ego.parameters.max_steer_rad, -1.0), 1.0)
+    return pedals(world, acceleration, pursuit_steer(world, LOOK_AHEAD_S, plan.offset_m))
 
 
 def _stopping(world: World, speed: float, plan: Plan) -> float:
@@ -185,15 +175,6 @@ def _stopping(world: World, speed: float, plan: Plan) -> float:
         return -1.15 * needed
     # Slow enough already: roll on, but never faster than what can stop.
     return 2.0 * (math.sqrt(2.0 * 1.2 * room) - speed)
-
-
-def pedals(acceleration_mps2: float, speed_mps: float, steer: float) -> Control:
-    """Throttle or brake for an acceleration of the ego's vehicle model."""
-    if acceleration_mps2 < -0.8 or (acceleration_mps2 <= 0.0 and speed_mps < 0.3):
-        return Control(0.0, min(1.0, max(0.3, -acceleration_mps2 / 8.0)), steer)
-    drag = 0.3 + 0.06 * speed_mps + 0.002 * speed_mps**2
-    strength = min(5.0, 40.0 / max(speed_mps, 1e-6))
-    return Control(min(max((acceleration_mps2 + drag) / strength, 0.0), 1.0), 0.0, steer)
 
 
 def _stop_line_m(world: World) -> float:

@@ -6,17 +6,15 @@ also sees what happens off the ideal line.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from raw2drive_ros.actions import ACTION_COUNT, ACTIONS
 from raw2drive_ros.contract import Control
+from raw2drive_ros.evaluation.following import pursuit_steer
 from raw2drive_ros.simulation.reward import target_speed_mps
 from raw2drive_ros.simulation.world import World
 
 LOOK_AHEAD_S = 0.9
-LOOK_AHEAD_MIN_M = 4.0
 
 
 class RuleDriver:
@@ -42,16 +40,8 @@ class RuleDriver:
         return self._follow(world)
 
     def _follow(self, world: World) -> Control:
-        ego = world.ego
-        speed = max(ego.speed, 0.0)
-        ahead = max(LOOK_AHEAD_MIN_M, LOOK_AHEAD_S * speed)
-        x, y, _ = world.route.pose(world.route_s_m + ahead)
-        dx, dy = x - float(ego.position[0]), y - float(ego.position[1])
-        cos, sin = math.cos(ego.heading), math.sin(ego.heading)
-        local_x, local_y = dx * cos + dy * sin, -dx * sin + dy * cos
-        curvature = 2.0 * local_y / max(local_x * local_x + local_y * local_y, 1e-6)
-        wheel = math.atan(curvature * ego.parameters.wheelbase_m)
-        steer = min(max(wheel / ego.parameters.max_steer_rad, -1.0), 1.0)
+        speed = max(world.ego.speed, 0.0)
+        steer = pursuit_steer(world, LOOK_AHEAD_S)
         target = target_speed_mps(world) * self.speed_factor
         error = target - speed
         if error < -1.5 or target < 0.3:

@@ -10,7 +10,8 @@ import math
 from highway_env.vehicle.behavior import IDMVehicle
 
 from raw2drive_ros.contract import Control
-from raw2drive_ros.evaluation.expert import leader, pedals, pursuit_steer
+from raw2drive_ros.evaluation.expert import LOOK_AHEAD_S, leader
+from raw2drive_ros.evaluation.following import pedals, pursuit_steer
 from raw2drive_ros.simulation.world import World
 
 CONSTANT_SPEED_MPS = 6.0
@@ -19,7 +20,7 @@ CONSTANT_SPEED_MPS = 6.0
 def constant_speed(world: World) -> Control:
     """Drives on at `CONSTANT_SPEED_MPS`, whatever is ahead."""
     speed = max(world.ego.speed, 0.0)
-    return pedals(1.5 * (CONSTANT_SPEED_MPS - speed), speed, pursuit_steer(world))
+    return pedals(world, 1.5 * (CONSTANT_SPEED_MPS - speed), pursuit_steer(world, LOOK_AHEAD_S))
 
 
 def idm(world: World) -> Control:
@@ -34,4 +35,4 @@ def idm(world: World) -> Control:
         desired = IDMVehicle.DISTANCE_WANTED - world.ego.LENGTH
         desired += speed * IDMVehicle.TIME_WANTED + speed * closing / comfort
         acceleration -= IDMVehicle.COMFORT_ACC_MAX * (max(desired, 0.0) / max(gap, 0.1)) ** 2
-    return pedals(max(acceleration, -IDMVehicle.ACC_MAX), speed, pursuit_steer(world))
+    return pedals(world, max(acceleration, -IDMVehicle.ACC_MAX), pursuit_steer(world, LOOK_AHEAD_S))

@@ -27,6 +27,11 @@ def test_every_verb_has_help_with_examples(verb, capsys) -> None:
     ('arguments', 'code', 'message'),
     [
         (['evaluate', '--driver', 'rule', '--routes', 'nowhere'], 2, 'unknown routes'),
+        (['evaluate', '--driver', 'rule', '--suite', 'nowhere'], 2, 'unknown suite'),
+        (['evaluate', '--driver', 'rule', '--suite', 'b2d220', '--ability', 'x'], 2, 'no such routes'),
+        (['evaluate', '--driver', 'rule', '--ability', 'merging'], 2, '--ability goes with --suite'),
+        (['suite', 'build', 'nothing'], 2, 'needs one of'),
+        (['collect', '--size', '1x1', '--out', 'runs/never'], 2, 'use one of'),
         (['evaluate', '--driver', 'nobody'], 2, 'unknown driver'),
         (['evaluate', '--driver', 'raw', '--bundle', 'no/such'], 1, 'no policy bundle there'),
         (['bag', 'info', 'no/such'], 1, 'no such bag'),

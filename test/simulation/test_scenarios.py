@@ -6,7 +6,7 @@ import pytest
 from raw2drive_ros.contract import Control
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
-from raw2drive_ros.evaluation.expert import pursuit_steer
+from raw2drive_ros.evaluation.following import pursuit_steer
 from raw2drive_ros.simulation.actors import CarDoor
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.scenario import load_scenarios
@@ -126,7 +126,7 @@ def test_who_has_priority_does_not_brake_for_a_crossing_ego_but_for_a_standing_o
 def test_the_red_light_runner_meets_the_ego_at_whatever_speed(throttle) -> None:
     env = world_of('OppositeVehicleRunningRedLight', 3)
     while not env.done:
-        env.step(Control(throttle, 0.0, pursuit_steer(env.world)))
+        env.step(Control(throttle, 0.0, pursuit_steer(env.world, 0.8)))
     assert env.criteria.events.get('collision_vehicle') == 1
 
 
