@@ -17,7 +17,6 @@ from raw2drive_ros.evaluation.drivers import Blindfold, EpisodeDriver, make_driv
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.metrics import RouteResult, summarise
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
-from raw2drive_ros.training.checkpoint import newest_checkpoint
 
 Routes = list[tuple[str, int]]
 OnRoute = Callable[[int, RouteResult], None]
@@ -47,6 +46,9 @@ class DriverSpec:
         if self.name == 'raw' and self.bundle is not None:
             weights = load_bundle(self.bundle).identity
         elif self.name == 'privileged' and self.run is not None:
+            # Late: the bridge imports this module and trains nothing.
+            from raw2drive_ros.training.checkpoint import newest_checkpoint
+
             checkpoint = newest_checkpoint(self.run / 'checkpoints')
             weights = f'{self.run} {checkpoint.name if checkpoint else ""}'
         return ' '.join(filter(None, (self.name, weights, 'blind' if self.blind else '')))

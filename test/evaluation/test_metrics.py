@@ -1,3 +1,5 @@
+import shutil
+
 import numpy as np
 import pytest
 
@@ -114,6 +116,16 @@ def test_results_of_another_driver_are_not_mixed_in(tmp_path) -> None:
     evaluate(DriverSpec('rule'), 'x', '1', [('VanillaNonSignalizedTurn', 0)], lines=lines)
     with pytest.raises(ResultsError, match="driver 'rule', not 'straight'"):
         evaluate(DriverSpec('straight'), 'x', '1', [], lines=lines)
+
+
+def test_a_bundle_is_known_by_its_weights_not_by_its_place(bundle, teacher_run, tmp_path) -> None:
+    copy = tmp_path / 'elsewhere'
+    shutil.copytree(bundle, copy)
+    here, there = (DriverSpec('raw', place).identity() for place in (bundle, copy))
+    assert here == there
+    assert str(bundle) not in here
+    assert DriverSpec('raw', bundle, blind=True).identity() != here
+    assert DriverSpec('privileged', run=teacher_run).identity().endswith('00000010')
 
 
 def test_learned_drivers_run_in_process(bundle, teacher_run) -> None:
