@@ -40,6 +40,14 @@ SIZES_M = {
     'parked_emergency': (5.4, 2.1, 2.2),
     'door': (0.15, 0.95, 1.35),
 }
+# Bodies that a kind comes in: (length, width, height) in metres; kinds that are not here have `SIZES_M`.
+BODIES_M = {
+    'sedan': (4.6, 1.85, 1.45),
+    'hatchback': (4.0, 1.75, 1.5),
+    'suv': (4.7, 1.95, 1.75),
+    'pickup': (5.2, 1.95, 1.8),
+}
+BODIES_OF = {'car': tuple(BODIES_M), 'parked': tuple(BODIES_M)}
 
 
 @dataclass(slots=True)

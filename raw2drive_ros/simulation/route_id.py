@@ -1,0 +1,43 @@
+"""What names one drive, everywhere: scenario type, seed, weather and repetition."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from raw2drive_ros.simulation.weather import CLEAR, get_weather
+
+
+class RouteIdError(ValueError):
+    """Text that names no route."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class RouteId:
+    """repetition 0 is the route as drawn; others start a little beside it, with other sensor noise."""
+
+    type: str
+    seed: int
+    weather: str = CLEAR
+    repetition: int = 0
+
+    def __str__(self) -> str:
+        parts = [self.type, str(self.seed)]
+        if self.weather != CLEAR or self.repetition:
+            parts.append(self.weather)
+        if self.repetition:
+            parts.append(str(self.repetition))
+        return '/'.join(parts)
+
+    @staticmethod
+    def parse(text: str) -> RouteId:
+        """'Accident/3', 'Accident/3/CloudyNight' or 'Accident/3/CloudyNight/1'.
+
+        Raises RouteIdError, UnknownWeatherError; the type's name is not looked up.
+        """
+        name, *rest = text.strip().split('/')
+        if not name or not 1 <= len(rest) <= 3 or not rest[0].isdigit() or not all(p.isdigit() for p in rest[2:]):
+            raise RouteIdError(
+                f'{text!r} is not of the form TYPE/SEED, TYPE/SEED/WEATHER or TYPE/SEED/WEATHER/REPETITION'
+            )
+        weather = get_weather(rest[1]).name if len(rest) > 1 else CLEAR
+        return RouteId(name, int(rest[0]), weather, int(rest[2]) if len(rest) > 2 else 0)
