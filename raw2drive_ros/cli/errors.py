@@ -23,6 +23,7 @@ USER_ERRORS = {
     'NodeError': 1,
     'NonFiniteError': 1,
     'ResultsError': 1,
+    'ResultsFileError': 1,
     'UnfairScenarioError': 1,
     'UnknownDriverError': 2,
     'UnknownScenarioError': 2,
