@@ -72,7 +72,7 @@ def read_results(path: Path) -> Results:
         lines = path.read_text(encoding='utf-8').splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise ResultsFileError(f'{path}: cannot be read: {error}') from error
-    records = []
+    records: list[Row] = []
     for number, line in enumerate(lines, 1):
         try:
             record = json.loads(line)
@@ -102,8 +102,9 @@ def _checked_header(record: Row) -> Row:
 def _checked_row(record: Row) -> Row:
     RouteId.parse(record['id'])
     for name in (*NUMBERS, *OPTIONAL, 'duration_s', 'reward'):
-        value = record.get(name) if name in OPTIONAL else record[name]
-        if not (value is None and name in OPTIONAL) and not math.isfinite(value):
+        if name in OPTIONAL and record.get(name) is None:
+            continue
+        if not math.isfinite(value := record[name]):
             raise ValueError(f'{name}: {value} is not finite')
     if not isinstance(record['success'], bool):
         raise TypeError('success: neither true nor false')

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 # Drawn in this order; names that a preset lacks are skipped.
 COLOURS = {
-    'road': (70, 70, 70),
-    'route': (50, 120, 60),
+    'road': (70, 70, 74),
+    'route': (40, 150, 95),
     'line': (220, 220, 220),
     'lane_line': (220, 220, 220),
-    'centre_line': (230, 190, 60),
+    'centre_line': (200, 150, 50),
     'crosswalk_or_stop_line': (240, 240, 240),
     'vehicle_past': (40, 80, 130),
     'vulnerable_past': (130, 40, 130),
@@ -28,9 +28,11 @@ COLOURS = {
     'stop': (255, 0, 0),
     'stop_light': (255, 0, 0),
     'light_red@now': (255, 0, 0),
+    'light_yellow@now': (255, 200, 0),
     'light_green@now': (0, 255, 0),
     'stop_sign': (255, 0, 120),
     'stop_sign@now': (255, 0, 120),
+    'ego': (255, 240, 40),
 }
 
 
