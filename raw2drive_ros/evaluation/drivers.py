@@ -16,7 +16,7 @@ from raw2drive_ros.driving.baselines import RandomDriver, StraightDriver
 from raw2drive_ros.driving.driver import Driver
 from raw2drive_ros.evaluation.expert import Expert
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
-from raw2drive_ros.evaluation.simple_drivers import constant_speed, idm
+from raw2drive_ros.evaluation.simple_drivers import IdmMobil, constant_speed
 from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
@@ -160,7 +160,7 @@ def make_driver(
     if name == 'rule':
         return rule_episodes(noise)
     if name in ('idm', 'constant'):
-        return WorldEpisodes(lambda seed: idm if name == 'idm' else constant_speed)
+        return WorldEpisodes(lambda seed: IdmMobil().control if name == 'idm' else constant_speed)
     if name == 'expert':
         return WorldEpisodes(lambda seed: Expert().control)
     if name == 'privileged':

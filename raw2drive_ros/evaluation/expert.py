@@ -7,35 +7,43 @@ driver knows. Pure pursuit steers; the plan is a share of the speed limit and a 
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from raw2drive_ros.contract import Control
-from raw2drive_ros.evaluation.following import pedals, pursuit_steer
-from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m, first_on_path
+from raw2drive_ros.evaluation.following import (
+    SIGHT_M,
+    idm_acceleration,
+    leader,
+    pedals,
+    pursuit_steer,
+    stop_line_m,
+    stopping,
+)
+from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
+from raw2drive_ros.simulation.criteria import LANE_TOLERANCE_M, beside_route_m
+from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
 
 REPLAN_TICKS = 4
 HORIZON_S = 9.0
 MARGIN_M = 0.35
 HARD_BRAKING_MPS2 = -3.5
-STOP_BEFORE_M = 1.0
 ZONE_SIGHT_M = 14.0
 PASS_LIMIT_S = 18.0
 SPEED_SHARES = (0.95, 0.65, 0.4, 0.2, 0.0)
 OFFSETS_M = (0.0, -0.7, 0.7)
-LOOK_AHEAD_S = 0.8
-IDM_TIME_GAP_S = 1.0
-IDM_GAP_M = 3.0
-SIGHT_M = 45.0
+IN_LANE_AFTER_M = 10.0
+# Beyond this distance from the route the ego counts as outside its lane.
+EDGE_M = LANE_WIDTH_M / 2 + LANE_TOLERANCE_M - 0.1
+OFF_ROAD_PENALTY = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """share: of the speed limit. offset_m: to the left of the route. hold: wait before the oncoming lane."""
+    """share: of the speed limit. offset_m: to the left of the route. hold: wait before another lane is entered."""
 
     share: float
     offset_m: float = 0.0
@@ -60,10 +68,10 @@ class Expert:
 def choose(world: World, current: Plan) -> Plan:
     """The plan whose simulated future is best.
 
-    The oncoming lane is entered only on a plan that nobody has to brake for, seen through to its end:
-    otherwise two cars would stand nose to nose.
+    Another lane is entered only on a plan that nobody has to brake for, seen through to its end: otherwise two
+    cars would stand nose to nose.
     """
-    zone = oncoming_zone(world)
+    zone = detour_zone(world)
     before = zone is not None and world.front_s_m < zone[0]
     if zone is not None and before and world.front_s_m > zone[0] - ZONE_SIGHT_M:
         for share in SPEED_SHARES[:3]:
@@ -86,12 +94,17 @@ def choose(world: World, current: Plan) -> Plan:
     return best
 
 
-def oncoming_zone(world: World) -> tuple[float, float] | None:
-    """(start, end) on the route of the next stretch that uses the oncoming lane, or None."""
-    changes = world.scene.route.changes
-    for out, back in itertools.pairwise(changes):
-        end = back.s_m + back.over_m
-        if out.to_lane < 0 and world.route_s_m < end:
+def detour_zone(world: World) -> tuple[float, float] | None:
+    """(start, end) on the route of the next stretch that uses another lane, or None.
+
+    Where that lane runs the ego's way, it is enough to have got into it: the end is the end of the lane change.
+    """
+    changes = world.scene.route.detour
+    for i, out in enumerate(changes):
+        back = changes[i + 1] if i + 1 < len(changes) else None
+        oncoming = out.to_lane < 0 and back is not None
+        end = back.s_m + back.over_m if oncoming and back is not None else out.s_m + out.over_m + IN_LANE_AFTER_M
+        if world.route_s_m < end and (out.to_lane != world.scene.route.lane):
             return out.s_m, end
     return None
 
@@ -118,7 +131,8 @@ def rehearse(world: World, plan: Plan, until_s_m: float | None = None) -> tuple[
             break
         if _forces_others(twin):
             penalty += 1.5
-        penalty += 0.4 * max(0.0, abs(twin.route_lateral_m - plan.offset_m) - 1.2)
+        aside = abs(twin.route_lateral_m - twin.way_offset_m(twin.route_s_m) - plan.offset_m)
+        penalty += 0.4 * max(0.0, aside - 1.2) + (OFF_ROAD_PENALTY if beside_route_m(twin) > EDGE_M else 0.0)
         if twin.goal_s_m - twin.route_s_m < 9.0:
             return 500.0 - 2.0 * tick - penalty, penalty == 0.0
     clean = penalty == 0.0 and until_s_m is None
@@ -152,58 +166,14 @@ def _forces_others(world: World) -> bool:
 
 
 def follow(world: World, plan: Plan) -> Control:
-    """Pure pursuit on the route, IDM behind what is on it, stops at lights and signs."""
+    """Pure pursuit on the way, IDM behind what is on it, stops at lights and signs."""
     speed = max(world.ego.speed, 0.0)
     wanted = plan.share * world.speed_limit_at(world.route_s_m)
-    acceleration = min(_idm(world, speed, wanted), _stopping(world, speed, plan))
-    return pedals(world, acceleration, pursuit_steer(world, LOOK_AHEAD_S, plan.offset_m))
-
-
-def _stopping(world: World, speed: float, plan: Plan) -> float:
-    """Acceleration that stops the front bumper 1 m before the next stop line, once that needs more than a little."""
-    gap = _stop_line_m(world)
-    zone = oncoming_zone(world) if plan.hold else None
-    if zone is not None and zone[0] > world.front_s_m - 0.5:
-        gap = min(gap, zone[0] - world.front_s_m)
-    if gap == math.inf:
-        return gap
-    room = gap - STOP_BEFORE_M
-    if room < 0.3:
-        return -3.0 if speed > 0.05 else 0.0
-    needed = speed * speed / (2.0 * room)
-    if needed > 1.2:
-        return -1.15 * needed
-    # Slow enough already: roll on, but never faster than what can stop.
-    return 2.0 * (math.sqrt(2.0 * 1.2 * room) - speed)
-
-
-def _stop_line_m(world: World) -> float:
-    """Free distance to the next line that the ego has to stop at, or inf."""
-    front, best = world.front_s_m, math.inf
-    for light in world.lights:
-        gap = light.line_s_m - front
-        if light.colour != 'green' and gap > -0.3 and gap > world.ego.speed**2 / 14.0 - 1.0:
-            best = min(best, gap)
-    for sign in world.stop_signs:
-        if not sign.obeyed and sign.line_s_m > front - 0.3:
-            best = min(best, sign.line_s_m - front)
-    return best
-
-
-def _idm(world: World, speed: float, wanted: float) -> float:
-    """IDM acceleration towards `wanted`, behind the first thing whose box reaches into the ego's corridor."""
-    free = 3.0 * (1.0 - speed / wanted) if wanted > 0.1 else -4.0 if speed > 0.1 else 0.0
-    free = max(free, -5.0)
-    gap, closing = leader(world)
-    if gap > SIGHT_M:
-        return min(free, 3.0)
-    desired = IDM_GAP_M + max(0.0, speed * IDM_TIME_GAP_S + speed * closing / (2.0 * math.sqrt(3.0 * 4.0)))
-    return max(min(free, 3.0 * (1.0 - (desired / max(gap, 0.1)) ** 2)), -8.0)
-
-
-def leader(world: World) -> tuple[float, float]:
-    """(free gap, closing speed) to the first thing in the ego's corridor along the route, or (inf, 0)."""
     # From 1 m ahead: what stands beside the ego's centre is no leader.
-    window = world.route.window(world.route_s_m + 1.0, SIGHT_M)
-    gap, closing = first_on_path(world, world.ego, window, 0.2, SIGHT_M)
-    return gap + 1.0, closing
+    gap, closing = leader(world, world.way_window(world.route_s_m + 1.0, SIGHT_M))
+    line = stop_line_m(world)
+    zone = detour_zone(world) if plan.hold else None
+    if zone is not None and zone[0] > world.front_s_m - 0.5:
+        line = min(line, zone[0] - world.front_s_m)
+    acceleration = min(idm_acceleration(speed, wanted, gap, closing), stopping(speed, line))
+    return pedals(world, acceleration, pursuit_steer(world, offset_m=plan.offset_m, past_obstacles=True))

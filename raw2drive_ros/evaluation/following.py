@@ -1,27 +1,96 @@
-"""What every driver that reads the simulator shares: steering along the route, and pedals for an acceleration."""
+"""What every driver that reads the simulator shares: steering along the route, IDM, stop lines, pedals."""
 
 from __future__ import annotations
 
 import math
 
-from raw2drive_ros.contract import Control
+import numpy as np
+
+from raw2drive_ros.contract import Control, Float64
+from raw2drive_ros.simulation.actors import first_on_path
+from raw2drive_ros.simulation.path import SPACING_M
 from raw2drive_ros.simulation.world import World
 
 LOOK_AHEAD_MIN_M = 4.0
+LOOK_AHEAD_S = 0.8
+SIGHT_M = 45.0
+STOP_BEFORE_M = 1.0
+IDM_TIME_GAP_S = 1.0
+IDM_GAP_M = 3.0
 
 
-def pursuit_steer(world: World, look_ahead_s: float, offset_m: float = 0.0) -> float:
+def pursuit_steer(
+    world: World, look_ahead_s: float = LOOK_AHEAD_S, offset_m: float = 0.0, *, past_obstacles: bool = False
+) -> float:
     """Pure pursuit: steering in [-1, 1], left positive, towards the route's point `look_ahead_s` of travel (4 m
-    at least) ahead, `offset_m` to its left."""
+    at least) ahead, `offset_m` to its left. past_obstacles: along the reference way around what blocks the route."""
     ego = world.ego
     ahead = max(LOOK_AHEAD_MIN_M, look_ahead_s * max(ego.speed, 0.0))
-    x, y, _ = world.route.pose(world.route_s_m + ahead, offset_m)
+    there = world.route_s_m + ahead
+    if past_obstacles:
+        offset_m += world.way_offset_m(there)
+    x, y, _ = world.route.pose(there, offset_m)
     dx, dy = x - float(ego.position[0]), y - float(ego.position[1])
     cos, sin = math.cos(ego.heading), math.sin(ego.heading)
     local_x, local_y = dx * cos + dy * sin, -dx * sin + dy * cos
     curvature = 2.0 * local_y / max(local_x * local_x + local_y * local_y, 1e-6)
     wheel = math.atan(curvature * ego.parameters.wheelbase_m)
     return min(max(wheel / ego.parameters.max_steer_rad, -1.0), 1.0)
+
+
+def beside_route(world: World, offset_m: float = 0.0) -> Float64:
+    """(M, 2) points of the route ahead, from 1 m ahead on (what stands beside the ego's centre is no leader), 1 m
+    apart, `offset_m` to its left."""
+    first = max(0, int((world.route_s_m + 1.0) / SPACING_M))
+    part = slice(first, first + int(SIGHT_M / SPACING_M), 2)
+    points = world.route.points_m[part]
+    if offset_m == 0.0:
+        return points
+    yaw = world.route.headings_rad[part]
+    return points + offset_m * np.stack([-np.sin(yaw), np.cos(yaw)], 1)
+
+
+def leader(world: World, window_m: Float64) -> tuple[float, float]:
+    """(free gap, closing speed) to the first thing in the ego's corridor along `window_m`, or (inf, 0)."""
+    gap, closing = first_on_path(world, world.ego, window_m, 0.2, SIGHT_M)
+    return gap + 1.0, closing
+
+
+def idm_acceleration(speed: float, wanted: float, gap: float, closing: float) -> float:
+    """IDM towards `wanted` (m/s), behind a leader `gap` metres ahead."""
+    free = 3.0 * (1.0 - speed / wanted) if wanted > 0.1 else -4.0 if speed > 0.1 else 0.0
+    free = max(free, -5.0)
+    if gap > SIGHT_M:
+        return min(free, 3.0)
+    desired = IDM_GAP_M + max(0.0, speed * IDM_TIME_GAP_S + speed * closing / (2.0 * math.sqrt(3.0 * 4.0)))
+    return max(min(free, 3.0 * (1.0 - (desired / max(gap, 0.1)) ** 2)), -8.0)
+
+
+def stop_line_m(world: World) -> float:
+    """Free distance to the next line that the ego has to stop at, or inf."""
+    front, best = world.front_s_m, math.inf
+    for light in world.lights:
+        gap = light.line_s_m - front
+        if light.colour != 'green' and gap > -0.3 and gap > world.ego.speed**2 / 14.0 - 1.0:
+            best = min(best, gap)
+    for sign in world.stop_signs:
+        if not sign.obeyed and sign.line_s_m > front - 0.3:
+            best = min(best, sign.line_s_m - front)
+    return best
+
+
+def stopping(speed: float, gap_m: float) -> float:
+    """Acceleration that stops the front bumper 1 m before a line `gap_m` ahead, once that needs more than a little."""
+    if gap_m == math.inf:
+        return gap_m
+    room = gap_m - STOP_BEFORE_M
+    if room < 0.3:
+        return -3.0 if speed > 0.05 else 0.0
+    needed = speed * speed / (2.0 * room)
+    if needed > 1.2:
+        return -1.15 * needed
+    # Slow enough already: roll on, but never faster than what can stop.
+    return 2.0 * (math.sqrt(2.0 * 1.2 * room) - speed)
 
 
 def pedals(world: World, acceleration_mps2: float, steer: float) -> Control:

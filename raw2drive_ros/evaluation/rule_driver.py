@@ -1,4 +1,4 @@
-"""A rule driver that reads the simulator's state: pure pursuit on the route, speed after the reward's v*.
+"""A rule driver that reads the simulator's state: pure pursuit on the route, IDM, a conflict check, signs and lights.
 
 It collects the first bags. Its `noise` mixes in bursts of random actions, so that the world model
 also sees what happens off the ideal line.
@@ -6,15 +6,29 @@ also sees what happens off the ideal line.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from raw2drive_ros.actions import ACTION_COUNT, ACTIONS
 from raw2drive_ros.contract import Control
-from raw2drive_ros.evaluation.following import pursuit_steer
-from raw2drive_ros.simulation.reward import target_speed_mps
+from raw2drive_ros.evaluation.following import (
+    SIGHT_M,
+    beside_route,
+    idm_acceleration,
+    leader,
+    pedals,
+    pursuit_steer,
+    stop_line_m,
+    stopping,
+)
 from raw2drive_ros.simulation.world import World
 
-LOOK_AHEAD_S = 0.9
+SPEED_SHARE = 0.85
+CONFLICT_S, STEP_S = 3.0, 0.25
+# Pace at which a standing ego asks whether it may drive on, and how near others may come to its centre.
+CREEP_MPS = 3.0
+CLEAR_M = 2.5
 
 
 class RuleDriver:
@@ -41,10 +55,36 @@ class RuleDriver:
 
     def _follow(self, world: World) -> Control:
         speed = max(world.ego.speed, 0.0)
-        steer = pursuit_steer(world, LOOK_AHEAD_S)
-        target = target_speed_mps(world) * self.speed_factor
-        error = target - speed
-        if error < -1.5 or target < 0.3:
-            return Control(0.0, min(1.0, max(0.3, -error * 0.3)), steer)
-        throttle = min(max(0.12 + 0.03 * speed + 0.25 * error, 0.0), 0.8)
-        return Control(throttle, 0.0, steer)
+        wanted = SPEED_SHARE * self.speed_factor * world.speed_limit_at(world.route_s_m)
+        gap, closing = leader(world, beside_route(world))
+        acceleration = min(
+            idm_acceleration(speed, wanted, gap, closing),
+            stopping(speed, stop_line_m(world)),
+            stopping(speed, conflict_m(world)),
+        )
+        return pedals(world, acceleration, pursuit_steer(world))
+
+
+def conflict_m(world: World) -> float:
+    """Free distance to where the ego's way along the route meets somebody who keeps speed and heading, or inf."""
+    ego = world.ego
+    if not len(world.actors):
+        return math.inf
+    velocity = world.speeds[:-1, None] * np.stack([np.cos(world.headings[:-1]), np.sin(world.headings[:-1])], 1)
+    delta = world.positions[:-1] - ego.position
+    ahead = delta @ (math.cos(ego.heading), math.sin(ego.heading))
+    facing = np.cos(world.headings[:-1] - ego.heading)
+    # Who follows is not in the way, and who drives ahead is the leader that IDM keeps its distance to.
+    watched = (world.speeds[:-1] > 0.3) & (np.abs(delta).max(axis=1) < SIGHT_M) & ((ahead > 0.0) | (facing < 0.7))
+    if not watched.any():
+        return math.inf
+    pace = max(ego.speed, CREEP_MPS)
+    times = np.arange(0.0, CONFLICT_S, STEP_S)
+    stations = world.route_s_m + pace * times
+    own = np.array([world.route.pose(float(s))[:2] for s in stations])
+    theirs = world.positions[:-1][watched, None] + velocity[watched, None] * times[:, None]
+    near = np.hypot(*(theirs - own).transpose(2, 0, 1)) < (world.half_lengths[:-1][watched, None] + CLEAR_M)
+    meets = near.any(axis=0)
+    if not meets.any():
+        return math.inf
+    return max(0.0, float(stations[int(np.argmax(meets))] - world.route_s_m) - CLEAR_M)

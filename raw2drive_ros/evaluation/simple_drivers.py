@@ -1,7 +1,4 @@
-"""Privileged baselines without foresight: constant speed, and highway-env's IDM, both steering along the route.
-
-highway-env's MOBIL is left out: the route says which lane to be in.
-"""
+"""Baselines without foresight that read the simulator: constant speed, and highway-env's IDM and MOBIL as the ego."""
 
 from __future__ import annotations
 
@@ -10,29 +7,102 @@ import math
 from highway_env.vehicle.behavior import IDMVehicle
 
 from raw2drive_ros.contract import Control
-from raw2drive_ros.evaluation.expert import LOOK_AHEAD_S, leader
-from raw2drive_ros.evaluation.following import pedals, pursuit_steer
+from raw2drive_ros.evaluation.following import beside_route, leader, pedals, pursuit_steer
+from raw2drive_ros.simulation.actors import PathVehicle
+from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import World
 
 CONSTANT_SPEED_MPS = 6.0
+MERGE_RATE_MPS = 1.2
+BEHIND_M = 40.0
 
 
 def constant_speed(world: World) -> Control:
     """Drives on at `CONSTANT_SPEED_MPS`, whatever is ahead."""
     speed = max(world.ego.speed, 0.0)
-    return pedals(world, 1.5 * (CONSTANT_SPEED_MPS - speed), pursuit_steer(world, LOOK_AHEAD_S))
+    return pedals(world, 1.5 * (CONSTANT_SPEED_MPS - speed), pursuit_steer(world))
 
 
-def idm(world: World) -> Control:
-    """highway-env's IDM with its own parameters, behind whatever is in the ego's corridor; no lights, no signs."""
+class IdmMobil:
+    """highway-env's IDM with its own parameters, behind whatever is in the ego's corridor, and its MOBIL between
+    the lanes that run the ego's way: off the route's lane for a gain, back to it where nothing is lost. No lights,
+    no signs.
+    """
+
+    def __init__(self) -> None:
+        self.offset_m = self.target_m = 0.0
+        self.decided_s = -math.inf
+
+    def control(self, world: World) -> Control:
+        if world.time_s - self.decided_s >= IDMVehicle.LANE_CHANGE_DELAY:
+            self.decided_s = world.time_s
+            self.target_m = self._choose(world)
+        step = MERGE_RATE_MPS / 10.0
+        self.offset_m += min(max(self.target_m - self.offset_m, -step), step)
+        acceleration = min(idm(world, self.offset_m), idm(world, self.target_m))
+        return pedals(world, acceleration, pursuit_steer(world, offset_m=self.offset_m))
+
+    def _choose(self, world: World) -> float:
+        """Offset of the lane to be in: MOBIL's incentive and safety criteria (politeness 0, as in highway-env)."""
+        here = idm(world, self.target_m)
+        best, best_gain = self.target_m, IDMVehicle.LANE_CHANGE_MIN_ACC_GAIN
+        for target in (self.target_m - LANE_WIDTH_M, self.target_m + LANE_WIDTH_M):
+            if not _is_lane(world, target) or not _follower_can_brake(world, target):
+                continue
+            # The route's own lane is worth a little more than any other.
+            bonus = 2.0 * IDMVehicle.LANE_CHANGE_MIN_ACC_GAIN * (abs(target) < abs(self.target_m))
+            gain = idm(world, target) - here + bonus
+            if gain > best_gain:
+                best, best_gain = target, gain
+        return best
+
+
+def idm(world: World, offset_m: float) -> float:
+    """Acceleration (m/s2) of highway-env's IDM in the lane `offset_m` left of the route."""
     speed = max(world.ego.speed, 0.0)
     wanted = world.speed_limit_at(world.route_s_m)
     acceleration = IDMVehicle.COMFORT_ACC_MAX * (1.0 - (speed / max(wanted, 0.1)) ** IDMVehicle.DELTA)
-    gap, closing = leader(world)
+    gap, closing = leader(world, beside_route(world, offset_m))
     if gap < math.inf:
         comfort = 2.0 * math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
         # highway-env measures distances between centres; the gap here is between bumpers.
         desired = IDMVehicle.DISTANCE_WANTED - world.ego.LENGTH
         desired += speed * IDMVehicle.TIME_WANTED + speed * closing / comfort
         acceleration -= IDMVehicle.COMFORT_ACC_MAX * (max(desired, 0.0) / max(gap, 0.1)) ** 2
-    return pedals(world, max(acceleration, -IDMVehicle.ACC_MAX), pursuit_steer(world, LOOK_AHEAD_S))
+    return max(acceleration, -IDMVehicle.ACC_MAX)
+
+
+def _is_lane(world: World, offset_m: float) -> bool:
+    """Is there a lane that runs the ego's way so far left of the route?"""
+    layout = world.scene.layout
+    if layout.forward_lanes < 2 or world.scene.route.from_ramp:
+        return False
+    x, y, _ = world.route.pose(world.route_s_m, offset_m)
+    lateral = world.road.forward_path_cached().project(x, y)[1]
+    return -(layout.forward_lanes - 0.5) * LANE_WIDTH_M < lateral < 0.5 * LANE_WIDTH_M
+
+
+def _follower_can_brake(world: World, offset_m: float) -> bool:
+    """Would the first car behind in that lane brake less than MOBIL's limit, and is nobody beside the ego there?"""
+    nearest = -math.inf
+    follower = None
+    for actor in world.actors:
+        s, lateral = world.route.project(*map(float, actor.position), world.route_s_m, BEHIND_M)
+        ahead = s - world.route_s_m
+        if abs(lateral - offset_m) > LANE_WIDTH_M / 2 or not -BEHIND_M < ahead < world.ego.LENGTH:
+            continue
+        if ahead > -world.ego.LENGTH:
+            return False
+        if ahead > nearest and isinstance(actor, PathVehicle):
+            nearest, follower = ahead, actor
+    if follower is None:
+        return True
+    closing = follower.speed - world.ego.speed
+    comfort = 2.0 * math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
+    desired = IDMVehicle.DISTANCE_WANTED - world.ego.LENGTH
+    desired += follower.speed * IDMVehicle.TIME_WANTED + follower.speed * closing / comfort
+    gap = -nearest - world.ego.LENGTH
+    return (
+        -IDMVehicle.COMFORT_ACC_MAX * (max(desired, 0.0) / max(gap, 0.1)) ** 2
+        > -IDMVehicle.LANE_CHANGE_MAX_BRAKING_IMPOSED
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,8 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
 
 from raw2drive_ros.contract import Float64
-from raw2drive_ros.simulation.path import Path
+from raw2drive_ros.simulation.path import Path, smooth_step
+from raw2drive_ros.simulation.scripts import Meeting, Pacing, Script, ego_is_due
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.world import World
@@ -25,6 +26,10 @@ DOOR_OPENS_IN_S = 0.6
 CREEP_MPS = 0.05
 ALIGNED_COS = 0.75
 STANDING_MPS = 0.5
+# Traffic reacts to an ego that changes lanes once its centre is in theirs, as CARLA's agents do.
+IN_LANE_M = 1.4
+EGO_HALF_WIDTH_M = 1.0
+SIZE_SPREAD = 0.06
 
 # kind: (length, width, height) in metres.
 SIZES_M = {
@@ -48,70 +53,34 @@ BODIES_M = {
     'pickup': (5.2, 1.95, 1.8),
 }
 BODIES_OF = {'car': tuple(BODIES_M), 'parked': tuple(BODIES_M)}
-
-
-@dataclass(slots=True)
-class Script:
-    """An effect that starts when its trigger fires, once.
-
-    Triggers (any that is set): `ego_within_m` of the actor, `ego_at_s_m` along the route, `time_s`;
-    the effect follows `delay_s` later.
-    Effects: `acceleration_mps2` (until `until_speed_mps`), `target_speed_mps`, or a drift of the path
-    by `drift_m` to the left over `drift_over_m` metres.
-    """
-
-    ego_within_m: float | None = None
-    ego_at_s_m: float | None = None
-    time_s: float | None = None
-    acceleration_mps2: float | None = None
-    until_speed_mps: float = 0.0
-    target_speed_mps: float | None = None
-    drift_m: float = 0.0
-    drift_over_m: float = 25.0
-    delay_s: float = 0.0
-    due_s: float | None = field(default=None, init=False)
-    fired_at_s_m: float | None = field(default=None, init=False)
-
-    def fires(self, world: World, actor: Vehicle) -> bool:
-        """Is the effect on, from this step on?"""
-        if self.due_s is None and self._triggered(world, actor):
-            self.due_s = world.time_s + self.delay_s
-        return self.due_s is not None and world.time_s >= self.due_s
-
-    def _triggered(self, world: World, actor: Vehicle) -> bool:
-        ego = world.ego
-        return bool(
-            (self.ego_within_m is not None and math.hypot(*(actor.position - ego.position)) < self.ego_within_m)
-            or (self.ego_at_s_m is not None and world.route_s_m >= self.ego_at_s_m)
-            or (self.time_s is not None and world.time_s >= self.time_s)
-        )
+CAR_KINDS = frozenset(('car', 'parked', 'van', 'parked_van'))
+COLOURS = 14
 
 
 @dataclass(frozen=True, slots=True)
-class Meeting:
-    """Arrive at a point when the ego does: `own_s_m` on the own path is `ego_s_m` on the ego's route.
+class Look:
+    """What tells one of a kind from another. colour indexes the renderer's palette; scale is of length and width."""
 
-    The speed is steered until the ego is `commit_m` away from the point, and kept from then on.
-    """
+    body: str
+    colour: int = 0
+    scale: float = 1.0
 
-    own_s_m: float
-    ego_s_m: float
-    speeds_mps: tuple[float, float] = (3.0, 12.0)
-    commit_m: float = 9.0
+    @staticmethod
+    def draw(kind: str, rng: np.random.Generator) -> Look:
+        bodies = BODIES_OF.get(kind, (kind,))
+        spread = 1.0 + SIZE_SPREAD * (2.0 * float(rng.random()) - 1.0) if kind in CAR_KINDS else 1.0
+        return Look(bodies[int(rng.integers(len(bodies)))], int(rng.integers(COLOURS)), spread)
 
-    def acceleration(self, world: World, vehicle: PathVehicle) -> float:
-        left, ego_left = self.own_s_m - vehicle.s_m, self.ego_s_m - world.route_s_m
-        if left <= 0.0 or ego_left < self.commit_m:
-            return 0.0
-        wanted = left * max(world.ego.speed, 1.0) / ego_left
-        wanted = min(max(wanted, self.speeds_mps[0]), self.speeds_mps[1])
-        return min(max(2.0 * (wanted - vehicle.speed), -4.0), 4.0)
+    def put_on(self, actor: Vehicle | Obstacle) -> None:
+        length, width, height = BODIES_M.get(self.body) or SIZES_M[self.body]
+        actor.body, actor.colour = self.body, self.colour
+        actor.LENGTH, actor.WIDTH, actor.HEIGHT = length * self.scale, width * self.scale, height
 
 
 class PathVehicle(Vehicle):
     """Traffic on a fixed path: IDM towards whatever occupies the path ahead, and to closed stop lines.
 
-    heedless: sees nobody (a driver who takes the right of way).
+    heedless: sees nobody (a driver who takes the right of way). steered: sets the speed while it lasts.
     """
 
     def __init__(
@@ -121,13 +90,14 @@ class PathVehicle(Vehicle):
         speed_mps: float,
         target_speed_mps: float,
         kind: str = 'car',
-        colour: int = 0,
+        look: Look | None = None,
         scripts: tuple[Script, ...] = (),
         heedless: bool = False,
         waits_at_m: tuple[tuple[float, Callable[[World], bool]], ...] = (),
         lateral_m: float = 0.0,
-        meeting: Meeting | None = None,
+        steered: Meeting | Pacing | None = None,
         has_priority: bool = False,
+        time_gap_s: float = 1.2,
     ) -> None:
         x, y, yaw = path.pose(s_m, lateral_m)
         super().__init__(None, (x, y), yaw, speed_mps)
@@ -135,15 +105,15 @@ class PathVehicle(Vehicle):
         self.s_m = s_m
         self.target_speed = target_speed_mps
         self.kind = kind
-        self.colour = colour
-        self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M[kind]
+        (look or Look(kind)).put_on(self)
         # Scripts remember that they fired, so every vehicle needs its own.
         self.scripts = [copy.copy(script) for script in scripts]
         self.heedless = heedless
         self.waits_at_m = waits_at_m
         self.base_lateral_m = self.lateral_m = lateral_m
-        self.meeting = meeting
+        self.steered = steered
         self.has_priority = has_priority
+        self.time_gap_s = time_gap_s
         self.command_acceleration = 0.0
         self.gone = False
 
@@ -159,8 +129,9 @@ class PathVehicle(Vehicle):
                 self.target_speed = script.target_speed_mps
             if script.acceleration_mps2 is not None:
                 forced = script.acceleration_mps2 if self.speed > script.until_speed_mps else 0.0
-        if self.meeting is not None and self.target_speed > CREEP_MPS:
-            forced = self.meeting.acceleration(world, self)
+        if self.steered is not None and self.target_speed > CREEP_MPS:
+            steered = self.steered.acceleration(world, self)
+            forced = forced if steered is None else steered
         self.command_acceleration = self._idm(world) if forced is None else forced
 
     def _idm(self, world: World) -> float:
@@ -174,29 +145,33 @@ class PathVehicle(Vehicle):
         if gap >= LOOK_AHEAD_M:
             return max(free, IDMVehicle.COMFORT_ACC_MIN)
         comfort = math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
-        wanted_gap = 3.0 + max(0.0, v * 1.2 + v * closing / (2.0 * comfort))
+        wanted_gap = 3.0 + max(0.0, v * self.time_gap_s + v * closing / (2.0 * comfort))
         return max(free - IDMVehicle.COMFORT_ACC_MAX * (wanted_gap / max(gap, 0.1)) ** 2, -8.0)
 
     def _leader(self, world: World) -> tuple[float, float]:
         """(free gap, closing speed) to the first thing on the path ahead, or (inf, 0)."""
         if self.heedless:
             return math.inf, 0.0
-        if (
-            self.has_priority
-            and world.ego.speed > STANDING_MPS
-            and math.cos(self.heading - world.ego.heading) < ALIGNED_COS
-        ):
-            # The ego crosses: it has to wait, so this driver does not look out for it.
-            blind_to = len(world.actors)
-        else:
-            blind_to = -1
-        return first_on_path(world, self, self.path.window(self.s_m, LOOK_AHEAD_M), blind_to=blind_to)
+        window = self.path.window(self.s_m, LOOK_AHEAD_M)
+        blind_to = len(world.actors) if self._overlooks_ego(world, window) else -1
+        return first_on_path(world, self, window, blind_to=blind_to)
+
+    def _overlooks_ego(self, world: World, window_m: Float64) -> bool:
+        """Who has priority does not look out for an ego that crosses, and nobody for one beside the own lane."""
+        ego = world.ego
+        delta = ego.position - self.position
+        if ego.speed < STANDING_MPS or not len(window_m) or abs(delta[0]) + abs(delta[1]) > 2 * LOOK_AHEAD_M:
+            return False
+        if self.has_priority and math.cos(self.heading - ego.heading) < ALIGNED_COS:
+            return True
+        gaps = window_m - ego.position
+        return float(np.einsum('pk,pk->p', gaps, gaps).min()) > IN_LANE_M**2
 
     def step(self, dt: float) -> None:
         self.speed = max(0.0, self.speed + self.command_acceleration * dt)
         self.s_m += self.speed * dt
         self.lateral_m = self.base_lateral_m + sum(
-            script.drift_m * _ease((self.s_m - script.fired_at_s_m) / script.drift_over_m)
+            script.drift_m * smooth_step(self.s_m, script.fired_at_s_m, script.drift_over_m)
             for script in self.scripts
             if script.drift_m and script.fired_at_s_m is not None
         )
@@ -243,13 +218,9 @@ def first_on_path(
     return max(float(gap), 0.05), float(follower.speed - world.speeds[other] * cos)
 
 
-def _ease(part: float) -> float:
-    part = min(max(part, 0.0), 1.0)
-    return part * part * (3.0 - 2.0 * part)
-
-
 class Walker(Vehicle):
-    """A pedestrian (or cyclist) who crosses from one lateral offset of the route to another when the ego comes near."""
+    """A pedestrian (or cyclist) who crosses the route from one lateral offset to another, so timed that an ego
+    that keeps its speed meets him: he is at the ego's side `delay_s` before its front gets there."""
 
     def __init__(
         self,
@@ -258,28 +229,25 @@ class Walker(Vehicle):
         from_m: float,
         to_m: float,
         speed_mps: float,
-        trigger_m: float,
-        colour: int = 0,
+        delay_s: float,
         kind: str = 'walker',
+        look: Look | None = None,
     ) -> None:
         x, y, yaw = route.pose(s_m, from_m)
         heading = yaw + math.copysign(math.pi / 2, to_m - from_m)
         super().__init__(None, (x, y), heading, 0.0)
         self.kind = kind
-        self.colour = colour
-        self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M[kind]
-        self.route, self.route_s_m = route, s_m
+        (look or Look(kind)).put_on(self)
+        self.route_s_m = s_m
         self.left_to_walk_m = abs(to_m - from_m)
         self.walk_speed = speed_mps
-        self.trigger_m = trigger_m
+        self.lead_s = (abs(from_m) - EGO_HALF_WIDTH_M) / speed_mps + delay_s
         self.command_acceleration = 0.0
         self.gone = False
 
     def think(self, world: World) -> None:
-        if self.speed == 0.0 and self.left_to_walk_m > 0:
-            ahead = self.route_s_m - world.route_s_m
-            if 0.0 < ahead < self.trigger_m:
-                self.speed = self.walk_speed
+        if self.speed == 0.0 and self.left_to_walk_m > 0 and ego_is_due(world, self.route_s_m, self.lead_s):
+            self.speed = self.walk_speed
 
     def step(self, dt: float) -> None:
         step = min(self.speed * dt, self.left_to_walk_m)
@@ -293,11 +261,10 @@ class Walker(Vehicle):
 class StandingObject(Obstacle):
     """Something solid that never moves: parked cars, barriers, cones."""
 
-    def __init__(self, x_m: float, y_m: float, yaw_rad: float, kind: str, colour: int = 0) -> None:
+    def __init__(self, x_m: float, y_m: float, yaw_rad: float, kind: str, look: Look | None = None) -> None:
         super().__init__(None, (x_m, y_m), yaw_rad, 0.0)
         self.kind = kind
-        self.colour = colour
-        self.LENGTH, self.WIDTH, self.HEIGHT = SIZES_M[kind]
+        (look or Look(kind)).put_on(self)
         self.command_acceleration = 0.0
         self.gone = False
 
@@ -311,11 +278,11 @@ class StandingObject(Obstacle):
 class CarDoor(StandingObject):
     """The door of a parked car: shut (inside the car's outline) until the ego is `trigger_m` away, then open."""
 
-    def __init__(self, route: Path, s_m: float, hinge_m: float, trigger_m: float, colour: int = 0) -> None:
+    def __init__(self, route: Path, s_m: float, hinge_m: float, trigger_m: float, look: Look | None = None) -> None:
         self.side = math.copysign(1.0, -hinge_m)
         self.shut_m, self.open_m = hinge_m - self.side * 0.5, hinge_m + self.side * 0.45
         x, y, yaw = route.pose(s_m, self.shut_m)
-        super().__init__(x, y, yaw, 'door', colour)
+        super().__init__(x, y, yaw, 'door', look)
         self.route, self.route_s_m, self.trigger_m = route, s_m, trigger_m
         self.opening = False
         self.part = 0.0

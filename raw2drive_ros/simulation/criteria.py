@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
+from raw2drive_ros.simulation.actors import PathVehicle, StandingObject, Walker, boxes_overlap, corners_m
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import DECISION_HZ, World
 
@@ -17,6 +17,12 @@ DEVIATION_LIMIT_M = 30.0
 LANE_TOLERANCE_M = 0.5
 ROUTE_END_M = 10.0
 BEYOND_JUNCTION_M = 8.0
+# Progress counts only this near to the route: who drives past it on the grass has not driven it.
+PROGRESS_WITHIN_M = 5.0
+# Bench2Drive compares the ego's speed with the traffic's at so many checkpoints of a route.
+SPEED_CHECKPOINTS = 20
+TRAFFIC_WITHIN_M = 50.0
+STANDING_TRAFFIC_MPS = 0.5
 
 
 @dataclass(slots=True)
@@ -34,6 +40,7 @@ class Criteria:
     lights_run: set[int] = field(default_factory=set)
     signs_run: set[int] = field(default_factory=set)
     last_front_s_m: float = 0.0
+    speeds: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
 
     def step(self, world: World) -> list[str]:
         if self.start_s_m is None:
@@ -49,7 +56,9 @@ class Criteria:
         self.travelled_m += moved
         if not on_road(world):
             self.outside_m += moved
-        self.best_s_m = max(self.best_s_m, world.route_s_m)
+        if beside_route_m(world) < PROGRESS_WITHIN_M:
+            self.best_s_m = max(self.best_s_m, world.route_s_m)
+        self._compare_speeds(world)
         self.last_front_s_m = world.front_s_m
         self.blocked_s = self.blocked_s + 1 / DECISION_HZ if abs(world.ego.speed) < BLOCKED_SPEED_MPS else 0.0
         if abs(world.route_lateral_m) > DEVIATION_LIMIT_M:
@@ -70,6 +79,28 @@ class Criteria:
         if world.goal_s_m - self.best_s_m < ROUTE_END_M:
             return 100.0
         return 100.0 * max(0.0, self.best_s_m - self.start_s_m) / (world.goal_s_m - self.start_s_m)
+
+    def traffic_speed_percents(self) -> list[float]:
+        """The ego's mean speed in percent of the traffic's, for every checkpoint's stretch with moving traffic."""
+        found = []
+        for samples in self.speeds.values():
+            ego, traffic = (sum(column) / len(samples) for column in zip(*samples, strict=True))
+            if traffic > STANDING_TRAFFIC_MPS:
+                found.append(100.0 * ego / traffic)
+        return found
+
+    def _compare_speeds(self, world: World) -> None:
+        assert self.start_s_m is not None
+        cars = [
+            i
+            for i, actor in enumerate(world.actors)
+            if isinstance(actor, PathVehicle) and abs(world.positions[i] - world.ego.position).max() < TRAFFIC_WITHIN_M
+        ]
+        if not cars:
+            return
+        done = (self.best_s_m - self.start_s_m) / (world.goal_s_m - self.start_s_m)
+        stretch = self.speeds.setdefault(int(SPEED_CHECKPOINTS * min(max(done, 0.0), 0.999)), [])
+        stretch.append((abs(world.ego.speed), float(world.speeds[cars].mean())))
 
     def obeyed_signs_at_first_junction(self, world: World) -> bool:
         """Did the ego get through the route's first junction without running a light or a stop sign?"""
@@ -123,9 +154,16 @@ class Criteria:
         return found
 
 
+def beside_route_m(world: World) -> float:
+    """How far the ego's centre is from the route, or from the stretch beside it that leads past an obstacle."""
+    right, left = world.lateral_range_m(world.route_s_m)
+    return max(0.0, right - world.route_lateral_m, world.route_lateral_m - left)
+
+
 def on_road(world: World) -> bool:
-    """Is the ego within its side of the road (half a lane plus tolerance of the route, or any forward lane)?"""
-    if abs(world.route_lateral_m) < LANE_WIDTH_M / 2 + LANE_TOLERANCE_M:
+    """Is the ego within its side of the road (half a lane plus tolerance of the route, or any forward lane), or
+    where it may be to get past an obstacle?"""
+    if beside_route_m(world) < LANE_WIDTH_M / 2 + LANE_TOLERANCE_M:
         return True
     lanes = world.scene.layout.forward_lanes
     if lanes == 1 and not world.scene.route.from_ramp:

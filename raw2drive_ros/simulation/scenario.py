@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from raw2drive_ros.simulation.actors import Script
 from raw2drive_ros.simulation.layout import RoadLayout
+from raw2drive_ros.simulation.scripts import Pacing, Script
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.world import World
@@ -45,11 +45,13 @@ class LaneChange:
 class RouteSpec:
     """The ego's route: along the forward chain (or from the ramp, or to the exit), in a lane, with lane changes.
 
-    lane: where it starts; a fraction is a place beside the lanes, e.g. a parking bay.
+    lane: where it starts; a fraction is a place beside the lanes, e.g. a parking bay. detour: the lane changes of
+    a way past what blocks the route, which keeps its own lane; drivers have to find such a way themselves.
     """
 
     lane: float = 0
     changes: tuple[LaneChange, ...] = ()
+    detour: tuple[LaneChange, ...] = ()
     from_ramp: bool = False
     to_exit: bool = False
     start_s_m: float = 6.0
@@ -64,7 +66,7 @@ class TrafficSpec:
 
     meets_ego: once its scripts have set it going, it keeps its time of arrival at the junction's centre
     equal to the ego's, until either is near. has_priority: does not brake for an ego that crosses its path.
-    enters_at_s: when it drives into the world, once the place is free.
+    enters_at_s: when it drives into the world, once the place is free. pacing: keeps beside the ego for a while.
     """
 
     on: str | tuple[str, str]
@@ -81,17 +83,20 @@ class TrafficSpec:
     meets_ego: bool = False
     has_priority: bool = False
     enters_at_s: float = 0.0
+    pacing: Pacing | None = None
+    time_gap_s: float = 1.2
 
 
 @dataclass(frozen=True, slots=True)
 class WalkerSpec:
-    """A pedestrian or cyclist beside the route at `s_m`, who crosses from `from_m` to `to_m` (left positive)."""
+    """A pedestrian or cyclist beside the route at `s_m`, who crosses from `from_m` to `to_m` (left positive) and
+    is at the ego's side `delay_s` before an ego that keeps its speed."""
 
     s_m: float
     from_m: float
     to_m: float
     speed_mps: float
-    trigger_m: float
+    delay_s: float
     kind: str = 'walker'
 
 
@@ -116,13 +121,14 @@ class DoorSpec:
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceSpec:
-    """Between `s_m` and `s_m + length_m` of the route: steering is pushed by `steer` (share of full lock) and
-    only a share `grip` of drive and brake force reaches the road."""
+    """Between `s_m` and `s_m + length_m` of the route: steering is pushed by `steer` (share of full lock), to
+    alternating sides for `period_s` each, and only a share `grip` of drive and brake force reaches the road."""
 
     s_m: float
     length_m: float
     steer: float
     grip: float = 1.0
+    period_s: float = 1.3
 
 
 ActorSpec = TrafficSpec | WalkerSpec | StandingSpec | DoorSpec
@@ -207,6 +213,7 @@ def get_scenario(name: str) -> Scenario:
     return known[name]
 
 
-def rng_for(name: str, seed: int) -> Rng:
-    """The generator of one (scenario, seed): the same on every machine and in every process."""
-    return np.random.default_rng([seed, zlib.crc32(name.encode())])
+def rng_for(name: str, seed: int, repetition: int = 0) -> Rng:
+    """The generator of one (scenario, seed), or of one repetition of it: the same on every machine."""
+    key = [seed, zlib.crc32(name.encode())]
+    return np.random.default_rng([*key, repetition] if repetition else key)

@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 
 from raw2drive_ros.contract import Control, Float64
-from raw2drive_ros.simulation.actors import Actor, CarDoor, Meeting, PathVehicle, StandingObject, Walker, twin_of
+from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, twin_of
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
 from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
@@ -18,6 +18,7 @@ from raw2drive_ros.simulation.scenario import (
     DRAW_ATTEMPTS,
     ActorSpec,
     DoorSpec,
+    LaneChange,
     LightSpec,
     Rng,
     Scenario,
@@ -26,6 +27,7 @@ from raw2drive_ros.simulation.scenario import (
     TrafficSpec,
     WalkerSpec,
 )
+from raw2drive_ros.simulation.scripts import Meeting
 from raw2drive_ros.simulation.signals import StopSign, TrafficLight
 
 PHYSICS_HZ = 20
@@ -36,20 +38,33 @@ CURVE_LATERAL_MPS2 = 3.0
 CURVE_BRAKING_MPS2 = 2.0
 CHECKPOINT_SPACING_M = 25.0
 ENTRY_ROOM_M = 3.0
+# Who goes around an obstacle may begin and end so much earlier and later than the reference way past it.
+DETOUR_MARGIN_M = 20.0
+# How far repetitions of a route start from where it is drawn: along, aside, and in speed.
+START_JITTER = (1.0, 0.15, 0.5)
 
 
 class World:
-    """positions, headings, ...: arrays over `actors` plus the ego as the last row, refreshed each step."""
+    """positions, headings, ...: arrays over `actors` plus the ego as the last row, refreshed each step.
 
-    def __init__(self, scenario: Scenario, rng: Rng, parameters: EgoParameters | None = None) -> None:
+    start_rng: moves the start a little, for repetitions of a route. way_offsets_m: (N,) lateral offset of the
+    reference way around what blocks the route, at each of the route's points.
+    """
+
+    def __init__(
+        self, scenario: Scenario, rng: Rng, parameters: EgoParameters | None = None, start_rng: Rng | None = None
+    ) -> None:
         self.scenario = scenario
         self.scene, self.road = _draw(scenario, rng)
         self.route = _route_path(self.scene, self.road)
         self.speed_limits = _speed_profile(self.route, self.scene.layout.speed_limit_mps)
+        self._lay_detour()
         start = self.scene.route
-        x, y, yaw = self.route.pose(start.start_s_m)
-        self.ego = EgoVehicle(x, y, yaw, start.start_speed_mps, parameters or EgoParameters())
-        self.route_s_m, self.route_lateral_m = start.start_s_m, 0.0
+        along, aside, faster = (0.0,) * 3 if start_rng is None else start_rng.uniform(-1.0, 1.0, 3) * START_JITTER
+        self.route_s_m, self.route_lateral_m = start.start_s_m + float(along), float(aside)
+        x, y, yaw = self.route.pose(self.route_s_m, self.route_lateral_m)
+        speed = max(0.0, start.start_speed_mps + float(faster))
+        self.ego = EgoVehicle(x, y, yaw, speed, parameters or EgoParameters())
         self.goal_s_m = self.route.length_m - start.end_before_m
         self.time_s = 0.0
         self.physics_ticks = 0
@@ -122,7 +137,8 @@ class World:
         self.ego.steer_push, self.ego.grip = 0.0, 1.0
         for patch in self.scene.disturbances:
             if patch.s_m <= self.route_s_m < patch.s_m + patch.length_m:
-                self.ego.steer_push, self.ego.grip = patch.steer, patch.grip
+                side = 1.0 if self.time_s // patch.period_s % 2 else -1.0
+                self.ego.steer_push, self.ego.grip = side * patch.steer, patch.grip
 
     @property
     def front_s_m(self) -> float:
@@ -132,6 +148,23 @@ class World:
     def speed_limit_at(self, s_m: float) -> float:
         index = min(max(int(s_m * 2), 0), len(self.speed_limits) - 1)
         return float(self.speed_limits[index])
+
+    def way_offset_m(self, s_m: float) -> float:
+        """Lateral offset from the route, left positive, of the reference way past what blocks it."""
+        index = min(max(int(s_m / SPACING_M), 0), len(self.way_offsets_m) - 1)
+        return float(self.way_offsets_m[index])
+
+    def way_window(self, s_m: float, ahead_m: float) -> Float64:
+        """(M, 2) points of that way from `s_m` to `s_m + ahead_m`, 1 m apart."""
+        first = max(0, int(s_m / SPACING_M))
+        return self.way_points_m[first : first + int(ahead_m / SPACING_M) : 2]
+
+    def lateral_range_m(self, s_m: float) -> tuple[float, float]:
+        """(right, left) offsets from the route between which the ego's centre may be: (0, 0) but near a detour."""
+        zone = self.detour_zone_m
+        if zone is None or not zone[0] - DETOUR_MARGIN_M < s_m < zone[1] + DETOUR_MARGIN_M:
+            return 0.0, 0.0
+        return min(0.0, float(self.way_offsets_m.min())), max(0.0, float(self.way_offsets_m.max()))
 
     def checkpoints_m(self) -> Float64:
         """(N, 2) sparse route for the driver: a point every `CHECKPOINT_SPACING_M`, and the goal."""
@@ -155,6 +188,18 @@ class World:
         self.light_history.appendleft(tuple(light.colour for light in self.lights))
 
     # -- building ---------------------------------------------------------------------------------
+
+    def _lay_detour(self) -> None:
+        spec = self.scene.route
+        stations = range(len(self.route.points_m))
+        self.way_offsets_m = np.array([_offset_m(spec.lane, spec.lane, spec.detour, i * SPACING_M) for i in stations])
+        yaw = self.route.headings_rad
+        self.way_points_m = self.route.points_m + self.way_offsets_m[:, None] * np.stack([-np.sin(yaw), np.cos(yaw)], 1)
+        self.detour_zone_m: tuple[float, float] | None = None
+        if spec.detour:
+            last = spec.detour[-1]
+            end = last.s_m + last.over_m if last.to_lane == spec.lane else self.route.length_m
+            self.detour_zone_m = (spec.detour[0].s_m, end)
 
     def _light(self, spec: LightSpec) -> TrafficLight:
         entry, pole = self._junction_entry(spec.junction, beyond=True)
@@ -181,16 +226,14 @@ class World:
         return line_s - 0.6, pole
 
     def _actor(self, spec: ActorSpec, rng: Rng) -> Actor:
-        colour = int(rng.integers(0, 8))
+        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng)
         if isinstance(spec, WalkerSpec):
-            return Walker(
-                self.route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.trigger_m, colour, spec.kind
-            )
+            return Walker(self.route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.delay_s, spec.kind, look)
         if isinstance(spec, DoorSpec):
-            return CarDoor(self.route, spec.s_m, spec.hinge_m, spec.trigger_m, colour)
+            return CarDoor(self.route, spec.s_m, spec.hinge_m, spec.trigger_m, look)
         if isinstance(spec, StandingSpec):
             x, y, yaw = self.route.pose(spec.s_m, spec.lateral_m)
-            return StandingObject(x, y, yaw + spec.yaw_rad, spec.kind, colour)
+            return StandingObject(x, y, yaw + spec.yaw_rad, spec.kind, look)
         path = self._traffic_path(spec)
         waits = ()
         if spec.obeys_light and self.lights:
@@ -205,13 +248,14 @@ class World:
             spec.speed_mps,
             target,
             spec.kind,
-            colour,
+            look,
             spec.scripts,
             spec.heedless,
             waits,
             spec.lateral_m,
-            self._meeting(spec, path) if spec.meets_ego else None,
+            self._meeting(spec, path) if spec.meets_ego else spec.pacing,
             spec.has_priority,
+            spec.time_gap_s,
         )
 
     def _meeting(self, spec: TrafficSpec, path: Path) -> Meeting:
@@ -259,27 +303,29 @@ def _route_path(scene: Scene, road: RoadMap) -> Path:
     spec = scene.route
     if spec.from_ramp:
         return road.ramp_path()
+    moves = (*spec.changes, *spec.detour)
+    last = max((change.s_m + change.over_m for change in moves), default=0.0)
+    if not _straight_until(scene.layout, last):
+        raise ValueError(f'RouteSpec: lane changes need straight pieces, here up to {last:.0f} m')
     base = min(round(spec.lane), scene.layout.forward_lanes - 1)
     path = road.forward_path(base)
     if not spec.changes:
         return path
-    last = max(change.s_m + change.over_m for change in spec.changes)
-    if not _straight_until(scene.layout, last):
-        raise ValueError(f'RouteSpec: lane changes need straight pieces, here up to {last:.0f} m')
-
-    def lateral(s_m: float) -> float:
-        lane, offset = spec.lane, -(spec.lane - base) * LANE_WIDTH_M
-        for change in spec.changes:
-            offset -= (change.to_lane - lane) * LANE_WIDTH_M * smooth_step(s_m, change.s_m, change.over_m)
-            lane = change.to_lane
-        return offset
-
-    shifted = path.shifted(lateral)
+    shifted = path.shifted(lambda s_m: _offset_m(spec.lane, base, spec.changes, s_m))
     if not spec.to_exit:
         return shifted
     away = road.exit_path()
     end_s_m, _ = shifted.project(float(away.points_m[0, 0]), float(away.points_m[0, 1]))
     return Path(np.concatenate([shifted.points_m[: int(end_s_m / SPACING_M)], away.points_m]))
+
+
+def _offset_m(start_lane: float, base_lane: float, changes: tuple[LaneChange, ...], s_m: float) -> float:
+    """Lateral offset from lane `base_lane`, left positive, of who starts in `start_lane` and makes `changes`."""
+    lane, offset = start_lane, -(start_lane - base_lane) * LANE_WIDTH_M
+    for change in changes:
+        offset -= (change.to_lane - lane) * LANE_WIDTH_M * smooth_step(s_m, change.s_m, change.over_m)
+        lane = change.to_lane
+    return offset
 
 
 def _straight_until(layout: RoadLayout, s_m: float) -> bool:

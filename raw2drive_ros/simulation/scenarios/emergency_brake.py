@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.actors import Script
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, Curve, Junction, RoadLayout, Straight, turn_length_m
 from raw2drive_ros.simulation.scenario import (
     DisturbanceSpec,
@@ -15,6 +14,7 @@ from raw2drive_ros.simulation.scenario import (
     WalkerSpec,
     scenario,
 )
+from raw2drive_ros.simulation.scripts import Pacing, Script
 
 
 @scenario('HardBreakRoute', 'EmergencyBrake')
@@ -27,9 +27,10 @@ def hard_brake(rng: Rng) -> Scene:
         s_m=float(rng.uniform(22, 30)),
         speed_mps=speed,
         scripts=(
-            Script(ego_at_s_m=trigger, acceleration_mps2=-float(rng.uniform(5, 8))),
-            Script(time_s=float(rng.uniform(22, 28)), acceleration_mps2=2.0, until_speed_mps=-1.0),
+            Script(ego_at_s_m=trigger, acceleration_mps2=-float(rng.uniform(6, 8))),
+            Script(ego_at_s_m=trigger, acceleration_mps2=2.0, until_speed_mps=-1.0, delay_s=float(rng.uniform(6, 10))),
         ),
+        pacing=Pacing(float(rng.uniform(11, 15)), trigger),
     )
     layout = RoadLayout((Straight(120), Curve(80, float(rng.uniform(-0.5, 0.5))), Straight(80)), 1, 1, 10.0)
     return Scene(layout, RouteSpec(start_speed_mps=speed * 0.8), (leader,))
@@ -41,7 +42,7 @@ def pedestrian_dart_out(rng: Rng) -> Scene:
     where = float(rng.uniform(60, 100))
     side = -1.0
     van = StandingSpec('parked_van', where - 5.0, side * (LANE_WIDTH_M / 2 + 1.3))
-    walker = WalkerSpec(where, side * 4.5, 18.0, float(rng.uniform(1.2, 2.2)), trigger_m=float(rng.uniform(18, 26)))
+    walker = WalkerSpec(where, side * 4.5, 18.0, float(rng.uniform(1.2, 2.2)), float(rng.uniform(0.3, 0.9)))
     layout = RoadLayout((Straight(150),), 1, 1, float(rng.uniform(8, 11)), shoulder_m=3.0)
     return Scene(layout, RouteSpec(start_speed_mps=5.0), (van, walker))
 
@@ -52,6 +53,7 @@ def parking_cut_in(rng: Rng) -> Scene:
     where = float(rng.uniform(60, 90))
     aside = -(LANE_WIDTH_M / 2 + 1.2)
     parked = tuple(StandingSpec('parked', where + gap, aside) for gap in (-16.0, -8.5, 20.0))
+    due = (where, float(rng.uniform(1.9, 2.4)))
     puller = TrafficSpec(
         'forward',
         s_m=where,
@@ -59,8 +61,8 @@ def parking_cut_in(rng: Rng) -> Scene:
         target_speed_mps=0.01,
         lateral_m=aside,
         scripts=(
-            Script(ego_at_s_m=where - float(rng.uniform(20, 27)), target_speed_mps=float(rng.uniform(4, 6))),
-            Script(ego_at_s_m=where - 27.0, drift_m=-aside, drift_over_m=10.0),
+            Script(ego_due=due, target_speed_mps=float(rng.uniform(4, 6))),
+            Script(ego_due=due, drift_m=-aside, drift_over_m=7.0),
         ),
         heedless=True,
     )
@@ -100,7 +102,7 @@ def pedestrian_crossing(rng: Rng) -> Scene:
         side = float(rng.choice((-1, 1)))
         start, goal = (-3.5, 20.0) if side < 0 else (7.5, -16.0)
         walkers.append(
-            WalkerSpec(where + 0.9 * (i - 1), start, goal, float(rng.uniform(1.0, 1.6)), float(rng.uniform(22, 34)))
+            WalkerSpec(where + 0.9 * (i - 1), start, goal, float(rng.uniform(1.0, 1.6)), float(rng.uniform(0.3, 1.2)))
         )
     layout = RoadLayout((Straight(150),), 1, 1, float(rng.uniform(8, 11)), 2.0, zebras_m=(where,))
     return Scene(layout, RouteSpec(start_speed_mps=5.0), tuple(walkers))
@@ -112,7 +114,7 @@ def parking_crossing_pedestrian(rng: Rng) -> Scene:
     where = float(rng.uniform(60, 95))
     aside = -(LANE_WIDTH_M / 2 + 1.2)
     row = tuple(StandingSpec('parked', where + gap, aside) for gap in (-17.5, -10.5, -3.4, 4.2, 11.5))
-    walker = WalkerSpec(where, -4.2, 18.0, float(rng.uniform(1.2, 2.0)), float(rng.uniform(18, 26)))
+    walker = WalkerSpec(where, -4.2, 18.0, float(rng.uniform(1.2, 2.0)), float(rng.uniform(0.3, 0.9)))
     layout = RoadLayout((Straight(150),), 1, 1, float(rng.uniform(8, 11)), shoulder_m=3.0)
     return Scene(layout, RouteSpec(start_speed_mps=5.0), (*row, walker))
 
@@ -122,7 +124,7 @@ def static_cut_in(rng: Rng) -> Scene:
     """The right lane is a standing queue; one car of it cuts into the ego's lane."""
     where = float(rng.uniform(60, 90))
     queue = tuple(StandingSpec('parked', where + gap, -LANE_WIDTH_M) for gap in (-22.0, -14.5, 14.0, 21.5, 29.0))
-    trigger = where - float(rng.uniform(22, 28))
+    due = (where, float(rng.uniform(1.9, 2.4)))
     cutter = TrafficSpec(
         'forward',
         s_m=where,
@@ -130,8 +132,8 @@ def static_cut_in(rng: Rng) -> Scene:
         lane=1,
         target_speed_mps=0.01,
         scripts=(
-            Script(ego_at_s_m=trigger, target_speed_mps=float(rng.uniform(4, 6))),
-            Script(ego_at_s_m=trigger, drift_m=LANE_WIDTH_M, drift_over_m=10.0),
+            Script(ego_due=due, target_speed_mps=float(rng.uniform(4, 6))),
+            Script(ego_due=due, drift_m=LANE_WIDTH_M, drift_over_m=8.0),
         ),
         heedless=True,
     )
@@ -186,7 +188,7 @@ def _after_turn(rng: Rng, kind: str, speed_mps: tuple[float, float]) -> Scene:
     where = straight + turn_length_m(turn) + float(rng.uniform(5, 9))
     side = float(rng.choice((-1, 1)))
     start, goal = (-4.5, 16.0) if side < 0 else (8.0, -14.0)
-    crosser = WalkerSpec(where, start, goal, float(rng.uniform(*speed_mps)), float(rng.uniform(16, 24)), kind)
+    crosser = WalkerSpec(where, start, goal, float(rng.uniform(*speed_mps)), float(rng.uniform(0.1, 0.5)), kind)
     layout = RoadLayout((Straight(straight), Junction(turn), Straight(60)), 1, 1, 9.0, shoulder_m=1.0)
     return Scene(layout, RouteSpec(start_speed_mps=4.0), (crosser,))
 
@@ -205,17 +207,14 @@ def pedestrian_after_turn(rng: Rng) -> Scene:
 
 @scenario('ControlLoss', 'EmergencyBrake')
 def control_loss(rng: Rng) -> Scene:
-    """Patches of bad road: steering is pushed aside and the tyres lose grip."""
-    first = float(rng.uniform(40, 55))
-    patches = tuple(
-        DisturbanceSpec(
-            first + 45.0 * i,
-            float(rng.uniform(8, 14)),
-            float(rng.uniform(0.3, 0.5)) * float(rng.choice((-1, 1))),
-            float(rng.uniform(0.3, 0.6)),
-        )
-        for i in range(3)
-    )
+    """Patches of bad road between cones: steering is pushed to and fro and the tyres lose grip."""
+    first = float(rng.uniform(38, 48))
+    patches, cones = [], []
+    for i in range(3):
+        start, length = first + 45.0 * i, float(rng.uniform(20, 26))
+        push = float(rng.uniform(0.3, 0.4)) * float(rng.choice((-1, 1)))
+        patches.append(DisturbanceSpec(start, length, push, float(rng.uniform(0.3, 0.6)), float(rng.uniform(1.1, 1.5))))
+        cones += [StandingSpec('cone', start + 4.0 * j, side * 2.1) for j in range(7) for side in (-1, 1)]
     curve = Curve(float(rng.uniform(60, 90)), float(rng.uniform(-0.6, 0.6)))
     layout = RoadLayout((Straight(80), curve, Straight(90)), 1, 1, float(rng.uniform(8, 11)), shoulder_m=1.0)
-    return Scene(layout, RouteSpec(start_speed_mps=5.0), disturbances=patches)
+    return Scene(layout, RouteSpec(start_speed_mps=5.0), tuple(cones), disturbances=tuple(patches))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.actors import PathVehicle, Script
+from raw2drive_ros.simulation.actors import PathVehicle
+from raw2drive_ros.simulation.flows import arriving, group_times
 from raw2drive_ros.simulation.layout import Curve, RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import LaneChange, Rng, RouteSpec, Scene, TrafficSpec, scenario
+from raw2drive_ros.simulation.scripts import Script
 from raw2drive_ros.simulation.world import World
 
 
@@ -12,7 +14,7 @@ from raw2drive_ros.simulation.world import World
 def invading_turn(rng: Rng) -> Scene:
     """Oncoming cars drift over the centre line in a curve."""
     angle = float(rng.uniform(0.5, 0.9)) * float(rng.choice((-1, 1)))
-    drift = -float(rng.uniform(1.0, 1.5))
+    drift = -float(rng.uniform(1.65, 1.95))
     oncoming = tuple(
         TrafficSpec(
             'backward',
@@ -41,10 +43,12 @@ def emergency_vehicle_is_past(world: World) -> str | None:
 
 @scenario('YieldToEmergencyVehicle', 'GiveWay', rule=emergency_vehicle_is_past)
 def emergency_vehicle(rng: Rng) -> Scene:
-    """An emergency vehicle comes from behind in the ego's lane; the route moves aside."""
+    """An emergency vehicle comes from behind in the ego's lane: the ego has to move aside, into traffic."""
     vehicle = TrafficSpec(
         'forward', s_m=0.5, speed_mps=0.0, lane=0, target_speed_mps=float(rng.uniform(13, 15)), kind='emergency'
     )
     layout = RoadLayout((Straight(260),), 2, 0, float(rng.uniform(8, 10)))
-    changes = (LaneChange(float(rng.uniform(40, 60)), 1, 28),)
-    return Scene(layout, RouteSpec(0, changes, start_s_m=30.0, start_speed_mps=5.0), (vehicle,))
+    times = group_times(rng, float(rng.uniform(2, 4)), float(rng.uniform(9, 13)), (1.7, 2.2), (5.0, 6.5))
+    others = arriving(times, 'forward', 60.0, float(rng.uniform(6, 7.5)), lane=1, has_priority=False)
+    detour = (LaneChange(float(rng.uniform(45, 65)), 1, 28),)
+    return Scene(layout, RouteSpec(0, detour=detour, start_s_m=30.0, start_speed_mps=5.0), (vehicle, *others))

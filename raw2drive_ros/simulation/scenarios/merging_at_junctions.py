@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.layout import Junction, RoadLayout, Straight
+from raw2drive_ros.simulation.flows import arriving, group_times
+from raw2drive_ros.simulation.layout import (
+    ARM_LENGTH_M,
+    CORNER_RADIUS_M,
+    LANE_WIDTH_M,
+    Junction,
+    RoadLayout,
+    Straight,
+)
 from raw2drive_ros.simulation.scenario import LightSpec, Rng, RouteSpec, Scene, TrafficSpec, scenario
-from raw2drive_ros.simulation.scenarios.merging import stream
 
 GREEN = (('green', 120.0),)
 T_FROM_STEM = ('left', 'right')
 
 
+# Where paths over a junction meet the ego's: the length of an arm, and half a junction.
+MEETING_S_M = ARM_LENGTH_M + CORNER_RADIUS_M + LANE_WIDTH_M
+
+
 def _flow(
     rng: Rng,
     on: tuple[str, str],
-    count: int,
-    first_m: float,
-    gap_m: tuple[float, float],
-    speed_mps: tuple[float, float] = (5.0, 8.0),
+    speed_mps: tuple[float, float] = (5.5, 8.0),
     kind: str = 'car',
-    lights: bool = False,
+    headway_s: tuple[float, float] = (1.4, 1.75),
+    from_s: tuple[float, float] = (3.0, 4.5),
+    until_s: tuple[float, float] = (11.5, 16.0),
+    gap_s: tuple[float, float] = (6.5, 8.5),
 ) -> tuple[TrafficSpec, ...]:
-    """A stream with right of way. Who does not fit onto the road at the start drives in later."""
-    speed = float(rng.uniform(*speed_mps))
-    cars = []
-    for s in stream(rng, count, first_m, gap_m):
-        later = max(0.0, (1.0 - s) / speed)
-        cars.append(
-            TrafficSpec(on, max(s, 1.0), speed, kind=kind, obeys_light=lights, has_priority=True, enters_at_s=later)
-        )
-    return tuple(cars)
+    """A stream with right of way: a tight group while the ego arrives, a gap, and another group."""
+    times = group_times(rng, float(rng.uniform(*from_s)), float(rng.uniform(*until_s)), headway_s, gap_s)
+    return arriving(times, on, MEETING_S_M, float(rng.uniform(*speed_mps)), kind=kind)
 
 
 def _scene(turn: str, actors: tuple[TrafficSpec, ...], arms: tuple[str, ...] | None = None, **more: float) -> Scene:
@@ -46,48 +51,44 @@ def _with_light(turn: str, actors: tuple[TrafficSpec, ...], phases: tuple[tuple[
 @scenario('NonSignalizedJunctionLeftTurn', 'Merging', 'TrafficSign')
 def unprotected_left_turn(rng: Rng) -> Scene:
     """Turn left across oncoming traffic."""
-    return _scene('left', _flow(rng, ('ahead', 'back'), int(rng.integers(6, 11)), 40, (13, 26)))
+    return _scene('left', _flow(rng, ('ahead', 'back')))
 
 
 @scenario('NonSignalizedJunctionRightTurn', 'Merging', 'TrafficSign')
 def unprotected_right_turn(rng: Rng) -> Scene:
     """Turn right into traffic that comes from the left."""
-    return _scene('right', _flow(rng, ('left', 'right'), int(rng.integers(6, 11)), 50, (13, 26)))
+    return _scene('right', _flow(rng, ('left', 'right')))
 
 
 @scenario('NonSignalizedJunctionLeftTurnEnterFlow', 'Merging', 'TrafficSign')
 def left_turn_enter_flow(rng: Rng) -> Scene:
     """Turn left into traffic that comes from the right."""
-    return _scene('left', _flow(rng, ('right', 'left'), int(rng.integers(6, 11)), 48, (14, 28)))
+    return _scene('left', _flow(rng, ('right', 'left')))
 
 
 @scenario('SignalizedJunctionLeftTurn', 'Merging', 'TrafficSign')
 def signalized_left_turn(rng: Rng) -> Scene:
     """Green for both: turn left across oncoming traffic."""
-    return _with_light('left', _flow(rng, ('ahead', 'back'), int(rng.integers(6, 11)), 40, (13, 26), lights=True))
+    return _with_light('left', _flow(rng, ('ahead', 'back'), from_s=(4.0, 5.5)))
 
 
 @scenario('SignalizedJunctionRightTurn', 'Merging', 'TrafficSign')
 def signalized_right_turn(rng: Rng) -> Scene:
-    """Green: turn right into a road that oncoming cars turn left into."""
-    return _with_light(
-        'right', _flow(rng, ('ahead', 'right'), int(rng.integers(5, 9)), 40, (14, 28), (5.0, 7.0), lights=True)
-    )
+    """Green: turn right into a road that a stream from the left uses."""
+    return _with_light('right', _flow(rng, ('left', 'right'), from_s=(4.0, 5.5)))
 
 
 @scenario('SignalizedJunctionLeftTurnEnterFlow', 'Merging', 'TrafficSign')
 def signalized_left_turn_enter_flow(rng: Rng) -> Scene:
-    """Green after red: turn left into a road that oncoming cars turn right into."""
-    cars = _flow(rng, ('ahead', 'left'), int(rng.integers(5, 9)), 40, (14, 28), (5.0, 7.0), lights=True)
-    return _with_light('left', cars, (('red', float(rng.uniform(3, 6))), ('green', 120.0)))
+    """Green after red: turn left into a road that a stream from the right uses."""
+    phases = (('red', float(rng.uniform(3, 6))), ('green', 120.0))
+    return _with_light('left', _flow(rng, ('right', 'left'), from_s=(5.0, 7.0), until_s=(15.0, 19.0)), phases)
 
 
 @scenario('EnterActorFlow', 'Merging', 'TrafficSign')
 def enter_actor_flow(rng: Rng) -> Scene:
     """From the stem of a T junction, turn right into a steady flow."""
-    return _scene(
-        'right', _flow(rng, ('left', 'right'), int(rng.integers(7, 12)), 52, (15, 26), (6.0, 9.0)), T_FROM_STEM
-    )
+    return _scene('right', _flow(rng, ('left', 'right'), (6.5, 9.0)), T_FROM_STEM)
 
 
 @scenario('CrossingBicycleFlow', 'Merging', 'TrafficSign')
@@ -95,20 +96,20 @@ def crossing_bicycle_flow(rng: Rng) -> Scene:
     """Cyclists cross the junction that the ego goes through."""
     turn = str(rng.choice(('ahead', 'right', 'left')))
     source, target = (('left', 'right'), ('right', 'left'))[int(rng.integers(0, 2))]
-    riders = _flow(rng, (source, target), int(rng.integers(6, 11)), 50, (6, 15), (3.0, 4.5), 'cyclist')
+    riders = _flow(rng, (source, target), (3.5, 5.0), 'cyclist', (0.9, 1.4), gap_s=(6.0, 8.0))
     return _scene(turn, riders)
 
 
 @scenario('InterurbanActorFlow', 'Merging')
 def interurban_actor_flow(rng: Rng) -> Scene:
     """Leave an interurban road to the left, across its fast oncoming flow."""
-    flow = _flow(rng, ('ahead', 'back'), int(rng.integers(6, 11)), 50, (17, 34), (8.0, 11.0))
+    flow = _flow(rng, ('ahead', 'back'), (8.0, 10.5), from_s=(3.5, 5.0))
     return _scene('left', flow, ('left', 'ahead'), straight=65.0, limit=12.0)
 
 
 @scenario('InterurbanAdvancedActorFlow', 'Merging')
 def interurban_advanced_actor_flow(rng: Rng) -> Scene:
     """Enter an interurban road from the side, turning left: across one fast flow and into the other."""
-    near = _flow(rng, ('left', 'right'), int(rng.integers(4, 7)), 50, (20, 36), (8.0, 11.0))
-    far = _flow(rng, ('right', 'left'), int(rng.integers(4, 7)), 50, (20, 36), (8.0, 11.0))
+    near = _flow(rng, ('left', 'right'), (7.0, 9.0), until_s=(9.0, 10.0), gap_s=(12.0, 14.0))
+    far = _flow(rng, ('right', 'left'), (7.0, 9.0), until_s=(11.0, 13.0), gap_s=(9.0, 11.0))
     return _scene('left', (*near, *far), T_FROM_STEM, limit=11.0)

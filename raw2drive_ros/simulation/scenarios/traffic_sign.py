@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from raw2drive_ros.simulation.flows import arriving, group_times
 from raw2drive_ros.simulation.layout import Junction, RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
     LightSpec,
@@ -22,7 +23,7 @@ def _turn(rng: Rng) -> str:
 def red_light(rng: Rng) -> Scene:
     """The light is red, then turns green; cross traffic uses the red phase."""
     crossing = tuple(TrafficSpec(('left', 'right'), float(s), 7.0, obeys_light=True) for s in (15, 32))
-    light = LightSpec(0, (('red', float(rng.uniform(5, 10))), ('green', 60.0)))
+    light = LightSpec(0, (('red', float(rng.uniform(9, 14))), ('green', 60.0)))
     layout = RoadLayout((Straight(70), Junction(_turn(rng), control='light'), Straight(60)), 1, 1, 9.0)
     return Scene(layout, RouteSpec(start_speed_mps=4.0), crossing, (light,))
 
@@ -44,15 +45,13 @@ def stop_sign(rng: Rng) -> Scene:
 
 @scenario('T_Junction', 'TrafficSign')
 def t_junction(rng: Rng) -> Scene:
-    """The road ends at a T junction; a car or two use the road across."""
+    """The road ends at a T junction; a group of cars uses the road across."""
     turn = str(rng.choice(('left', 'right')))
     source, target = (('left', 'right'), ('right', 'left'))[int(rng.integers(0, 2))]
-    speed = float(rng.uniform(5, 8))
-    cars = tuple(
-        TrafficSpec((source, target), float(s), speed, has_priority=True) for s in (20 + rng.uniform(0, 25), 3.0)
-    )
+    times = group_times(rng, float(rng.uniform(4, 6)), float(rng.uniform(11, 15)), groups=1)
+    cars = arriving(times, (source, target), 70.0, float(rng.uniform(5, 8)))
     layout = RoadLayout((Straight(65), Junction(turn, ('left', 'right')), Straight(60)), 1, 1, 9.0)
-    return Scene(layout, RouteSpec(start_speed_mps=4.0), cars[: int(rng.integers(1, 3))])
+    return Scene(layout, RouteSpec(start_speed_mps=4.0), cars)
 
 
 @scenario('VanillaNonSignalizedTurn', 'TrafficSign')

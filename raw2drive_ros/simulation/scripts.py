@@ -1,0 +1,101 @@
+"""What makes actors act: triggers with effects, and speeds steered by where the ego is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from highway_env.vehicle.kinematics import Vehicle
+
+# Who creeps up to an actor's place sets it off here.
+NEARLY_THERE_M = 5.0
+
+if TYPE_CHECKING:
+    from raw2drive_ros.simulation.actors import PathVehicle
+    from raw2drive_ros.simulation.world import World
+
+
+@dataclass(slots=True)
+class Script:
+    """An effect that starts when its trigger fires, once.
+
+    Triggers (any that is set): `ego_within_m` of the actor, `ego_at_s_m` along the route, `ego_due` =
+    (s_m, seconds): at its speed the ego's front reaches that place so soon, `time_s`; the effect follows
+    `delay_s` later.
+    Effects: `acceleration_mps2` (until `until_speed_mps`), `target_speed_mps`, or a drift of the path
+    by `drift_m` to the left over `drift_over_m` metres.
+    """
+
+    ego_within_m: float | None = None
+    ego_at_s_m: float | None = None
+    ego_due: tuple[float, float] | None = None
+    time_s: float | None = None
+    acceleration_mps2: float | None = None
+    until_speed_mps: float = 0.0
+    target_speed_mps: float | None = None
+    drift_m: float = 0.0
+    drift_over_m: float = 25.0
+    delay_s: float = 0.0
+    due_s: float | None = field(default=None, init=False)
+    fired_at_s_m: float | None = field(default=None, init=False)
+
+    def fires(self, world: World, actor: Vehicle) -> bool:
+        """Is the effect on, from this step on?"""
+        if self.due_s is None and self._triggered(world, actor):
+            self.due_s = world.time_s + self.delay_s
+        return self.due_s is not None and world.time_s >= self.due_s
+
+    def _triggered(self, world: World, actor: Vehicle) -> bool:
+        ego = world.ego
+        return bool(
+            (self.ego_within_m is not None and math.hypot(*(actor.position - ego.position)) < self.ego_within_m)
+            or (self.ego_at_s_m is not None and world.route_s_m >= self.ego_at_s_m)
+            or (self.ego_due is not None and ego_is_due(world, *self.ego_due))
+            or (self.time_s is not None and world.time_s >= self.time_s)
+        )
+
+
+def ego_is_due(world: World, s_m: float, seconds: float) -> bool:
+    """Does the ego's front reach `s_m` of the route within `seconds` at its speed, or is it nearly there?"""
+    left = s_m - world.front_s_m
+    return left > 0.0 and (left < world.ego.speed * seconds or left < NEARLY_THERE_M)
+
+
+@dataclass(frozen=True, slots=True)
+class Meeting:
+    """Arrive at a point when the ego does: `own_s_m` on the own path is `ego_s_m` on the ego's route.
+
+    The speed is steered until the ego is `commit_m` away from the point, and kept from then on.
+    """
+
+    own_s_m: float
+    ego_s_m: float
+    speeds_mps: tuple[float, float] = (3.0, 12.0)
+    commit_m: float = 9.0
+
+    def acceleration(self, world: World, vehicle: PathVehicle) -> float | None:
+        left, ego_left = self.own_s_m - vehicle.s_m, self.ego_s_m - world.route_s_m
+        if left <= 0.0 or ego_left < self.commit_m:
+            return 0.0
+        wanted = left * max(world.ego.speed, 1.0) / ego_left
+        wanted = min(max(wanted, self.speeds_mps[0]), self.speeds_mps[1])
+        return min(max(2.0 * (wanted - vehicle.speed), -4.0), 4.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Pacing:
+    """Keep the ego's speed, `gap_m` ahead of it (centre to centre, on roads that run along the route), until the
+    ego is at `until_s_m`."""
+
+    gap_m: float
+    until_s_m: float
+    speeds_mps: tuple[float, float] = (2.0, 14.0)
+
+    def acceleration(self, world: World, vehicle: PathVehicle) -> float | None:
+        """None once it is over."""
+        if world.route_s_m >= self.until_s_m:
+            return None
+        wanted = world.ego.speed + 0.5 * (world.route_s_m + self.gap_m - vehicle.s_m)
+        wanted = min(max(wanted, self.speeds_mps[0]), self.speeds_mps[1])
+        return min(max(2.0 * (wanted - vehicle.speed), -4.0), 4.0)
