@@ -29,7 +29,9 @@ from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
 from raw2drive_ros.simulation.renderer import CameraRenderer
 from raw2drive_ros.simulation.reward import Outcome, RewardModel
+from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import Rng, get_scenario, rng_for
+from raw2drive_ros.simulation.weather import CLEAR
 from raw2drive_ros.simulation.world import DECISION_HZ, PHYSICS_HZ, SUBSTEPS, World
 
 TICK_NS = 1_000_000_000 // DECISION_HZ
@@ -67,7 +69,10 @@ class Tick:
 
 
 class DrivingEnv(AbstractEnv):
-    """reset(seed, options={'scenario': name}) and step(control), both giving a `Tick`."""
+    """reset(seed, options={'scenario': name}), or reset_to(route), and step(control), all giving a `Tick`.
+
+    motion: longitudinal and lateral acceleration (m/s2) and yaw rate (rad/s) of every physics step of the episode.
+    """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
         self.simulation = config or SimulationConfig()
@@ -91,15 +96,21 @@ class DrivingEnv(AbstractEnv):
     def reset(  # type: ignore[override]
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Tick, dict[str, Any]]:
-        """Start scenario `options['scenario']` (default LaneFollowing) with `seed` (default 0)."""
-        name = (options or {}).get('scenario', 'LaneFollowing')
+        """Start scenario `options['scenario']` (default LaneFollowing) with `seed` (default 0).
+
+        options may also name the `weather` and the `repetition`, see `RouteId`.
+        """
+        chosen = options or {}
+        name = chosen.get('scenario', 'LaneFollowing')
         seed = 0 if seed is None else int(seed)
+        weather, repetition = chosen.get('weather', CLEAR), int(chosen.get('repetition', 0))
+        self.route_id = RouteId(name, seed, weather, repetition)
         rng = rng_for(name, seed)
-        self.world = World(get_scenario(name), rng)
+        start_rng = rng_for(name, seed, repetition) if repetition else None
+        self.world = World(get_scenario(name), rng, start_rng=start_rng)
         self.road = Road(self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32))
         self.controlled_vehicles = [self.world.ego]
         self.noise_rng = rng
-        self.scenario_name, self.seed_used = name, seed
         self.criteria = Criteria()
         self.criteria.step(self.world)
         self.rewards = RewardModel(self.world)
@@ -109,10 +120,17 @@ class DrivingEnv(AbstractEnv):
         self.clock_ns += TICK_NS
         self.route = Route(self.clock_ns, self.world.checkpoints_m())
         self.done = False
+        self.reward_sum = 0.0
+        self.motion: list[tuple[float, float, float]] = []
         imu, odometry = self._sample(self.clock_ns)
         first = Transition(self.clock_ns, -1, 0.0, {}, True, False, False)
         tick = self._tick((imu,), (odometry,), first, {})
         return tick, tick.info
+
+    def reset_to(self, route: RouteId) -> tuple[Tick, dict[str, Any]]:
+        """Start a route. Raises UnknownScenarioError or UnknownWeatherError."""
+        options = {'scenario': route.type, 'weather': route.weather, 'repetition': route.repetition}
+        return self.reset(seed=route.seed, options=options)
 
     def step(  # type: ignore[override]
         self, action: Control
@@ -128,8 +146,10 @@ class DrivingEnv(AbstractEnv):
             imu, odometry = self._sample(self.clock_ns)
             imus.append(imu)
             odometries.append(odometry)
+            self.motion.append((*self.world.ego.acceleration_body, self.world.ego.yaw_rate))
         happened = self.criteria.step(self.world)
         outcome = self.rewards.step(self.world, happened)
+        self.reward_sum += outcome.reward
         terminated, truncated = self._ends(outcome, happened)
         self.done = terminated or truncated
         transition = Transition(
