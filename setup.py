@@ -22,7 +22,7 @@ setup(
     version='0.1.0',
     description='End-to-end driving by dual-stream model-based reinforcement learning, as a ROS 2 stack.',
     packages=find_packages(include=[f'{NAME}*', 'msg_adapters*']),
-    package_data={NAME: ['py.typed'], 'msg_adapters': ['py.typed']},
+    package_data={NAME: ['py.typed', 'report/*.html'], 'msg_adapters': ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (str(SHARE), ['package.xml']),

@@ -19,6 +19,8 @@ VERBS = {
     'collect': ('collect', 'drive in process and write training bags'),
     'train': ('train', 'train the privileged (stage 1) or raw (stage 2) stream from bags'),
     'evaluate': ('evaluate', 'drive routes in process and score them'),
+    'report': ('report', 'compare results of evaluate on one HTML page'),
+    'scenario': ('scenario', 'list the scenario types, or show one as a picture or a video'),
     'suite': ('suite', 'list the evaluation suites, or draw one anew'),
     'bag': ('bag', 'inspect bags'),
     'doctor': ('doctor', 'check the installation, the transport and the latency budget'),

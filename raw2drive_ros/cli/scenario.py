@@ -1,0 +1,76 @@
+"""raw2drive scenario: the list of scenario types, or one drive as a picture or a video."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+EXAMPLES = """examples:
+  raw2drive scenario list
+  raw2drive scenario show ParkingExit --seed 3 --picture scene.png
+  raw2drive scenario show T_Junction --seed 7 --weather HardRainNight --driver raw --video drive.mp4
+  raw2drive scenario show Accident --driver expert --seconds 12 --picture scene.png --video drive.mp4
+
+Seed, weather and repetition name the same drive as in the results of raw2drive evaluate."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('action', choices=('list', 'show'))
+    parser.add_argument('name', nargs='?', metavar='TYPE', help='scenario type (show)')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--weather', default='ClearNoon', help='weather preset of the camera images')
+    parser.add_argument('--repetition', type=int, default=0, help='0 is the route as drawn')
+    parser.add_argument('--driver', default='rule', help='who drives, as in raw2drive evaluate (default: rule)')
+    parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw (default: the shipped one)')
+    parser.add_argument('--run', dest='training_run', type=Path, help='stage-1 run of driver privileged')
+    parser.add_argument('--blind', action='store_true', help='black out every camera')
+    parser.add_argument('--seconds', type=float, help='show the picture after so long (6 s), cut the video (never)')
+    parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
+    parser.add_argument('--picture', type=Path, help='PNG to write (default, without --video: TYPE_SEED.png)')
+    parser.add_argument('--video', type=Path, help='MP4 to write')
+
+
+def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios
+
+    if options.action == 'list':
+        for name, scenario in load_scenarios().items():
+            print(f'{name:44s} {", ".join(scenario.abilities) or "-":30s} {scenario.description}')
+        return 0
+    if options.name is None:
+        raise UsageError('scenario show needs a TYPE; see raw2drive scenario list')
+    get_scenario(options.name)
+    return _show(options)
+
+
+def _show(options: argparse.Namespace) -> int:
+    import cv2
+
+    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.evaluation.evaluate import DriverSpec
+    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.report.scene import SECONDS, outcome_of, save_film, save_picture
+    from raw2drive_ros.simulation.camera_rig import SIZES
+    from raw2drive_ros.simulation.route_id import RouteId
+    from raw2drive_ros.simulation.weather import get_weather
+
+    if options.size not in SIZES:
+        raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
+    if min(options.seed, options.repetition) < 0 or (options.seconds is not None and options.seconds < 0):
+        raise UsageError('--seed, --repetition and --seconds: give 0 or more')
+    for flag, path, suffix in (('--picture', options.picture, '.png'), ('--video', options.video, '.mp4')):
+        if path is not None and path.suffix.lower() != suffix:
+            raise UsageError(f'{flag} {path}: give a name that ends in {suffix}')
+    cv2.setNumThreads(1)
+    route = RouteId(options.name, options.seed, get_weather(options.weather).name, options.repetition)
+    bundle = options.bundle or default_bundle()
+    driver = DriverSpec(options.driver, bundle, options.training_run, blind=options.blind).build()
+    picture = options.picture or (None if options.video else Path(f'{route.type}_{route.seed}.png'))
+    if picture is not None:
+        seconds = SECONDS if options.seconds is None else options.seconds
+        print(save_picture(picture, route, SIZES[options.size], driver, seconds))
+    if options.video is not None:
+        result = save_film(options.video, route, SIZES[options.size], driver, options.seconds)
+        print(f'{options.video}: {outcome_of(result)}')
+    return 0

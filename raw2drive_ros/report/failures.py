@@ -1,0 +1,56 @@
+"""Failed drives for people: what happened, what it looked like, and the command that drives it again."""
+
+from __future__ import annotations
+
+import base64
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from raw2drive_ros.evaluation.statistics import Results, id_of
+from raw2drive_ros.simulation.route_id import RouteId
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """picture: the strip as base64 JPEG, or ''. note: why there is none."""
+
+    row: dict[str, Any]
+    command: str
+    picture: str
+    note: str
+
+
+def strip_path(results_file: Path, row_id: str) -> Path:
+    """Where the evaluation leaves the strip of a failed drive."""
+    return results_file.with_suffix('.strips') / f'{row_id.replace("/", "_")}.jpg'
+
+
+def replay_command(driver: str, route: RouteId) -> str:
+    """driver: identity text of the results, whose first word names the driver."""
+    name, *rest = driver.split() or ['']
+    # A run's folder is part of a privileged driver's identity; which bundle was driven is known by its weights alone.
+    run = ['--run', rest[0]] if name == 'privileged' and rest else []
+    blind = ['--blind'] if 'blind' in rest else []
+    command = ['raw2drive', 'scenario', 'show', route.type, '--seed', str(route.seed), '--weather', route.weather]
+    command += ['--repetition', str(route.repetition), '--driver', name, *run, *blind, '--video', 'out.mp4']
+    return shlex.join(command)
+
+
+def failures_of(results_file: Path, results: Results, max_strips: int) -> list[Failure]:
+    """Worst first; at most `max_strips` of them with a picture."""
+    found: list[Failure] = []
+    shown = 0
+    for row in sorted((r for r in results.rows if not r['success']), key=lambda r: r['driving_score']):
+        path = strip_path(results_file, row['id'])
+        picture, note = '', ''
+        if not path.is_file():
+            note = 'no picture was recorded'
+        elif shown >= max_strips:
+            note = f'picture left out of the page: {path.parent.name}/{path.name}'
+        else:
+            picture = base64.b64encode(path.read_bytes()).decode()
+            shown += 1
+        found.append(Failure(row, replay_command(results.driver, id_of(row)), picture, note))
+    return found
