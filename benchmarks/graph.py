@@ -13,11 +13,12 @@ import tempfile
 from pathlib import Path
 
 from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.cli.demo import GraphJob, drive_graph
 from raw2drive_ros.cli.graph import reserve_domain
+from raw2drive_ros.cli.graph_drive import GraphJob, drive_graph
 from raw2drive_ros.driving.bundle import EGO_SIZE, save_bundle
 from raw2drive_ros.paths import default_bundle
 from raw2drive_ros.simulation.camera_rig import camera_rig
+from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Actor
@@ -42,10 +43,12 @@ def main() -> None:
         with tempfile.TemporaryDirectory(prefix='raw2drive_bench_') as name:
             folder = Path(name)
             bundle = default_bundle() if shipped else untrained_bundle(folder, size)
-            job = GraphJob(folder / 'out', 'HardBreakRoute/1', image_size=size, max_ticks=options.ticks)
+            job = GraphJob(
+                folder / 'out', (RouteId('HardBreakRoute', 1),), bundle, image_size=size, max_ticks=options.ticks
+            )
             job.out.mkdir()
             with reserve_domain(None) as domain:
-                timing = drive_graph(job, bundle, domain)['timing']
+                timing = drive_graph(job, domain)[1]
             planner = timing['planner_ms']
             print(
                 f'| {size[0]}x{size[1]} | {"laptop, shipped" if shipped else "nano, untrained"} '

@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,7 @@ DEFAULT_ROUTES = 'LaneFollowing/1,LaneFollowing/3,JunctionTurns/1'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--routes', default=DEFAULT_ROUTES, help='comma list of scenario/seed')
+    parser.add_argument('--routes', default=DEFAULT_ROUTES, help='comma list of TYPE/SEED or TYPE/SEED/WEATHER')
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--out', type=Path, default=Path('runs/demo'), help='folder for everything that is made')
     parser.add_argument('--domain', type=int, help='ROS domain (default: the first free one from 50 on)')
@@ -31,9 +29,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.graph import reserve_domain
+    from raw2drive_ros.cli.graph_drive import GraphJob, drive_graph
+    from raw2drive_ros.cli.progress import bar
     from raw2drive_ros.cli.table import print_results
+    from raw2drive_ros.evaluation.evaluate import summarise
+    from raw2drive_ros.evaluation.metrics import RouteResult
+    from raw2drive_ros.evaluation.routes import SUITE_VERSION
     from raw2drive_ros.paths import default_bundle
     from raw2drive_ros.recording.bag_writer import require_space
+    from raw2drive_ros.simulation.route_id import RouteId
     from raw2drive_ros.simulation.scenario import get_scenario
 
     bundle = options.bundle or default_bundle()
@@ -41,13 +45,16 @@ def run(options: argparse.Namespace) -> int:
         from raw2drive_ros.driving.bundle import load_bundle
 
         load_bundle(bundle)
-    for part in options.routes.split(','):
-        get_scenario(part.partition('/')[0].strip())
+    routes = tuple(RouteId.parse(part) for part in options.routes.split(','))
+    for route in routes:
+        get_scenario(route.type)
     require_space(options.out)
     _clear(options.out)
-    job = GraphJob(options.out, options.routes, options.real_time, image_transport=options.image_transport)
-    with reserve_domain(options.domain) as domain:
-        result = drive_graph(job, bundle.resolve(), domain)
+    job = GraphJob(options.out, routes, bundle, real_time=options.real_time, image_transport=options.image_transport)
+    with reserve_domain(options.domain) as domain, bar('driving', 100.0, '%') as advance:
+        rows, timing = drive_graph(job, domain, advance)
+    results = [RouteResult(**row) for row in rows]
+    result = summarise('raw', options.routes, SUITE_VERSION, routes, results, timing)
     made = {'result': options.out / 'result.json', 'bag': options.out / 'bag'}
     if not options.no_video:
         made |= _pictures(options.out, bundle, result)
@@ -70,87 +77,13 @@ def _clear(out: Path) -> None:
         'drive.mp4',
         'report.html',
         'progress.jsonl',
+        'rows.jsonl',
         'bridge.json',
         'planner.json',
         'recorder.json',
     ):
         (out / name).unlink(missing_ok=True)
     out.mkdir(parents=True, exist_ok=True)
-
-
-@dataclass(frozen=True, slots=True)
-class GraphJob:
-    """out: folder for everything. routes: comma list of scenario/seed. max_ticks: cut each route, 0 = never."""
-
-    out: Path
-    routes: str
-    real_time: bool = False
-    image_size: tuple[int, int] = (96, 160)
-    max_ticks: int = 0
-    image_transport: str = 'raw'
-
-
-def drive_graph(job: GraphJob, bundle: Path, domain: int) -> dict[str, Any]:
-    """Start recorder, gate, planner and bridge, wait for the bridge to finish, end them; the result."""
-    from raw2drive_ros.cli.graph import running_graph
-    from raw2drive_ros.evaluation.metrics import RouteResult, summarise
-    from raw2drive_ros.evaluation.routes import SUITE_VERSION
-
-    out = job.out
-    provenance = json.dumps({'driver': 'raw', 'bundle': bundle.name, 'routes': job.routes})
-    with running_graph(out / 'logs', domain) as graph:
-        recorder = {'bag': str(out / 'bag'), 'provenance': provenance, 'stats_file': str(out / 'recorder.json')}
-        graph.start('recorder', recorder)
-        graph.start('safety_gate', {'clock': 'steady' if job.real_time else 'ros'})
-        planner = {'bundle': str(bundle), 'stats_file': str(out / 'planner.json')}
-        graph.start('planner', planner | {'image_transport': job.image_transport})
-        bridge = {
-            'episodes': job.routes,
-            'lock_step': not job.real_time,
-            'image_height': job.image_size[0],
-            'image_width': job.image_size[1],
-            'image_transport': job.image_transport,
-            'max_ticks': job.max_ticks,
-            'wait_for_image_subscribers': 2,
-            'result_file': str(out / 'bridge.json'),
-            'progress_file': str(out / 'progress.jsonl'),
-        }
-        graph.start('bridge', bridge, sim_time=False)
-        _wait(graph, out, len(job.routes.split(',')))
-        # The planner and the recorder first write their figures, then the rest may go.
-        graph.end(order=('planner', 'recorder'))
-    driven, planned, recorded = (json.loads((out / f'{n}.json').read_text()) for n in ('bridge', 'planner', 'recorder'))
-    timing = driven['timing']
-    timing['planner_ms'] = planned['planner_ms']
-    timing['messages_lost'] += planned['messages_lost'] + recorded['messages_lost']
-    routes = [RouteResult(**row) for row in driven['routes']]
-    return summarise('raw', job.routes, SUITE_VERSION, routes, timing)
-
-
-def _wait(graph: Any, out: Path, count: int) -> None:
-    """Show progress until the bridge has finished. Raises GraphError when any process dies."""
-    from raw2drive_ros.cli.progress import bar
-
-    progress = out / 'progress.jsonl'
-    with bar('driving', 100.0 * count, '%') as advance:
-        while not graph.ended('bridge'):
-            graph.check(may_end=('bridge',))
-            if progress.exists():
-                lines = progress.read_text().splitlines()
-                if lines:
-                    _show(advance, lines[-1])
-            time.sleep(0.3)
-        graph.check(may_end=('bridge',))
-        advance(100.0 * count)
-
-
-def _show(advance: Any, line: str) -> None:
-    try:
-        state = json.loads(line)
-    except ValueError:
-        return
-    done = 100.0 * state['index'] + (100.0 if state['done'] else state['completion'])
-    advance(done, f'{state["episode"]} {state["ticks_per_s"]} ticks/s')
 
 
 def _pictures(out: Path, bundle: Path, result: dict[str, Any]) -> dict[str, Path]:

@@ -28,6 +28,8 @@ USER_ERRORS = {
     'UnknownDriverError': 2,
     'UnknownScenarioError': 2,
     'UnknownSuiteError': 2,
+    'RouteIdError': 2,
+    'UnknownWeatherError': 2,
     'UsageError': 2,
 }
 

@@ -15,8 +15,8 @@ A draw is rejected when actors crash among themselves before the ego is involved
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('action', choices=('list', 'build'))
-    parser.add_argument('name', nargs='?', help='b2d220, dev10, validation or train (build)')
-    parser.add_argument('--version', default='1', help='version that the file carries')
+    parser.add_argument('name', nargs='?', help='b2d220, dev10, long, validation or train (build)')
+    parser.add_argument('--version', default='2', help='version that the file carries')
     parser.add_argument('--out', type=Path, help='file to write (build)')
 
 
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
     if options.action == 'list':
         for path in sorted(suite_folder().glob('*.json')):
             suite = load_suite(path.stem)
-            types = len({kind for kind, _ in suite.routes})
+            types = len({route.type for route in suite.routes})
             print(f'{suite.name:12s} version {suite.version:4s} {len(suite.routes):5d} routes of {types} types')
         return 0
     plans = suite_plans()
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     total = plan.per_type * len(plan.types)
     with bar(f'drawing {options.name}', total, 'routes') as advance:
         routes, rejected = draw_suite(plan, advance)
-    lines = ',\n'.join(f'    {json.dumps(kind)}: {json.dumps(seeds)}' for kind, seeds in routes.items())
+    lines = ',\n'.join(f'    {json.dumps(kind)}: {json.dumps(places)}' for kind, places in routes.items())
     head = f'"name": {json.dumps(options.name)}, "version": {json.dumps(options.version)}'
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(f'{{\n  {head},\n  "routes": {{\n{lines}\n  }}\n}}\n')

@@ -24,13 +24,23 @@ def print_results(result: dict[str, Any]) -> None:
             'yes' if row['success'] else 'no',
         )
     console.print(table)
-    for name, value in result['summary'].items():
-        console.print(
-            f'{name.replace("_", " ")}: {value["mean"]:.1f} (95 %: {value["low"]:.1f} to {value["high"]:.1f})'
-        )
+    summary = result['summary']
+    for name in ('driving_score', 'success_rate', 'route_completion', 'efficiency', 'comfort'):
+        value = summary[name]
+        title = name.replace('_', ' ')
+        if value is None:
+            console.print(f'{title}: undefined on every route')
+            continue
+        defined = f', defined on {summary["defined"][name]}' if name in summary['defined'] else ''
+        console.print(f'{title}: {value["mean"]:.1f} (95 %: {value["low"]:.1f} to {value["high"]:.1f}){defined}')
     for name, value in result.get('abilities', {}).items():
         interval = f' (95 %: {value["low"]:.0f} to {value["high"]:.0f})' if 'low' in value else ''
         console.print(f'ability {name}: {value["mean"]:.1f}{interval}')
+    if result['missing']:
+        console.print(f'missing, counted as zero: {", ".join(result["missing"])}')
+    if result['flaky']:
+        names = ', '.join(f'{r["type"]}/{r["seed"]} ({r["successes"]} of {r["drives"]})' for r in result['flaky'])
+        console.print(f'flaky: {names}')
     done = sum(row['route_completion'] >= 90 for row in result['routes'])
     console.print(f'{done} of {len(result["routes"])} routes with completion >= 90 %')
     timing = result['timing']

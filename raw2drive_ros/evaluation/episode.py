@@ -7,44 +7,58 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from msg_adapters.factory import RosbagsFactory
+import numpy as np
+
+from msg_adapters.factory import MessageFactory, RosbagsFactory
 from msg_adapters.sensors import odometry_from_message, odometry_to_message
 from raw2drive_ros.contract import Control, Decision, SensorFrame
 from raw2drive_ros.driving.gate import Gate
+from raw2drive_ros.evaluation.comfort import comfort_percent
 from raw2drive_ros.evaluation.drivers import EpisodeDriver
-from raw2drive_ros.evaluation.metrics import RouteResult, score_route
+from raw2drive_ros.evaluation.metrics import RouteResult, efficiency_percent, score_route
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
+from raw2drive_ros.simulation.route_id import RouteId
 
 OnTick = Callable[[Tick, Decision], None]
 
 
 @dataclass(slots=True)
 class Drive:
-    """What one drive left behind. controls: every command, in order. tick_ms: wall time per tick."""
+    """What one drive left behind. controls: every command, in order. tick_ms: wall time per tick.
+    terms: the reward's terms, tick by tick."""
 
     result: RouteResult
     controls: list[Control] = field(default_factory=list)
     rewards: list[float] = field(default_factory=list)
+    terms: list[dict[str, float]] = field(default_factory=list)
     tick_ms: list[float] = field(default_factory=list)
     decide_ms: list[float] = field(default_factory=list)
 
 
-def result_of(env: DrivingEnv) -> RouteResult:
-    """The score of the episode that `env` has just driven."""
+def result_of(env: DrivingEnv, *, quirks: bool = False) -> RouteResult:
+    """The score of the episode that `env` has just driven. quirks: as Bench2Drive's tools compute it."""
     assert env.world is not None
     criteria = env.criteria
     return score_route(
-        env.scenario_name,
-        env.seed_used,
+        env.route_id,
         criteria.route_completion(env.world),
         criteria.events,
         criteria.failure,
         criteria.outside_percent,
         signs_obeyed=criteria.obeyed_signs_at_first_junction(env.world),
+        duration_s=env.world.time_s,
+        reward=env.reward_sum,
+        efficiency=efficiency_percent(criteria.traffic_speed_percents(), quirks=quirks),
+        comfort=comfort_percent(np.array(env.motion).reshape(-1, 3), quirks=quirks),
     )
 
 
-def as_received(factory: RosbagsFactory, tick: Tick) -> SensorFrame:
+def driver_seed(route: RouteId) -> int:
+    """What a driver that draws random numbers starts from."""
+    return route.seed + 1_000_000 * route.repetition
+
+
+def as_received(factory: MessageFactory, tick: Tick) -> SensorFrame:
     """The tick's frame as a subscriber gets it: yaw travels as a quaternion, which costs its last bits."""
     odometry = odometry_from_message(odometry_to_message(factory, tick.sensors.odometry))
     return dataclasses.replace(tick.sensors, odometry=odometry)
@@ -53,17 +67,18 @@ def as_received(factory: RosbagsFactory, tick: Tick) -> SensorFrame:
 def drive_route(
     env: DrivingEnv,
     driver: EpisodeDriver,
-    scenario: str,
-    seed: int,
+    route: RouteId,
     on_tick: OnTick = lambda tick, decision: None,
     max_ticks: int | None = None,
+    *,
+    quirks: bool = False,
 ) -> Drive:
-    """Drive (scenario, seed) to its end, or for `max_ticks`."""
+    """Drive a route to its end, or for `max_ticks`."""
     factory = RosbagsFactory()
     gate = Gate()
-    driver.reset(seed)
-    tick, _ = env.reset(seed=seed, options={'scenario': scenario})
-    drive = Drive(result_of(env))
+    driver.reset(driver_seed(route))
+    tick, _ = env.reset_to(route)
+    drive = Drive(result_of(env, quirks=quirks))
     while not env.done and (max_ticks is None or len(drive.controls) < max_ticks):
         started = time.perf_counter()
         decision = driver.control(env, as_received(factory, tick), tick)
@@ -73,6 +88,7 @@ def drive_route(
         tick, reward, *_ = env.step(control)
         drive.controls.append(control)
         drive.rewards.append(reward)
+        drive.terms.append(tick.info['reward_terms'])
         drive.tick_ms.append((time.perf_counter() - started) * 1e3)
-    drive.result = result_of(env)
+    drive.result = result_of(env, quirks=quirks)
     return drive

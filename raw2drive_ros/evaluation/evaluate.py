@@ -5,25 +5,38 @@ from __future__ import annotations
 import json
 import multiprocessing
 import time
-from collections.abc import Callable, Iterator
+import traceback
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from raw2drive_ros.contract import Decision
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.evaluation.drivers import Blindfold, EpisodeDriver, make_driver
 from raw2drive_ros.evaluation.episode import drive_route
-from raw2drive_ros.evaluation.metrics import RouteResult, summarise
-from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+from raw2drive_ros.evaluation.metrics import RouteResult, failed_route
+from raw2drive_ros.evaluation.statistics import Results, by_ability, flaky, summary
+from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
+from raw2drive_ros.simulation.route_id import RouteId
 
-Routes = list[tuple[str, int]]
 OnRoute = Callable[[int, RouteResult], None]
 
 
 class ResultsError(RuntimeError):
     """A file of results belongs to another evaluation, or is damaged."""
+
+
+class Observer(Protocol):
+    """Watches drives, to keep a picture of those that fail."""
+
+    def see(self, env: DrivingEnv, tick: Tick) -> None:
+        """Called on every tick."""
+
+    def save(self, path: Path) -> Path:
+        """Write what was seen of the last drive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +67,17 @@ class DriverSpec:
         return ' '.join(filter(None, (self.name, weights, 'blind' if self.blind else '')))
 
 
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """How routes are driven. quirks: score as Bench2Drive's tools do. observe, strips: what watches drives, and the
+    folder for what it saved of the failed ones."""
+
+    image_size: tuple[int, int] = (96, 160)
+    quirks: bool = False
+    observe: Callable[[], Observer] | None = None
+    strips: Path | None = None
+
+
 def timing_of(tick_ms: list[float], lost: int = 0) -> dict[str, Any]:
     """p50 and p99 of the tick time, and the rate that it allows."""
     if not tick_ms:
@@ -70,98 +94,173 @@ def timing_of(tick_ms: list[float], lost: int = 0) -> dict[str, Any]:
 class RouteRunner:
     """One process's driver and simulator."""
 
-    def __init__(self, driver: EpisodeDriver, image_size: tuple[int, int]) -> None:
+    def __init__(self, driver: EpisodeDriver, conditions: Conditions) -> None:
         self.driver = driver
+        self.conditions = conditions
         self.env = DrivingEnv(
-            SimulationConfig(image_size, cameras=driver.needs_cameras, bev=driver.needs_bev, end_on_infraction=False)
+            SimulationConfig(
+                conditions.image_size, cameras=driver.needs_cameras, bev=driver.needs_bev, end_on_infraction=False
+            )
         )
+        self.observer = conditions.observe() if conditions.observe is not None else None
 
-    def drive(self, scenario: str, seed: int) -> tuple[RouteResult, list[float]]:
-        drive = drive_route(self.env, self.driver, scenario, seed)
+    def drive(self, route: RouteId) -> tuple[RouteResult, list[float]]:
+        """A drive that raises becomes a failed route: the others still count."""
+        observer = self.observer
+
+        def on_tick(tick: Tick, decision: Decision) -> None:
+            if observer is not None:
+                observer.see(self.env, tick)
+
+        try:
+            drive = drive_route(self.env, self.driver, route, on_tick, quirks=self.conditions.quirks)
+        except Exception as error:
+            traceback.print_exc()
+            return failed_route(route, f'{type(error).__name__}: {error}'), []
+        if observer is not None and self.conditions.strips is not None and not drive.result.success:
+            observer.save(self.conditions.strips / strip_name(route))
         return drive.result, drive.tick_ms
+
+
+def strip_name(route: RouteId) -> str:
+    """File name of a failed route's pictures."""
+    return str(route).replace('/', '_') + '.jpg'
 
 
 _runner: RouteRunner | None = None
 
 
-def _start_worker(spec: DriverSpec, image_size: tuple[int, int]) -> None:
+def _start_worker(spec: DriverSpec, conditions: Conditions) -> None:
     import cv2
     import torch
 
     global _runner
     cv2.setNumThreads(1)
     torch.set_num_threads(spec.threads)
-    _runner = RouteRunner(spec.build(), image_size)
+    _runner = RouteRunner(spec.build(), conditions)
 
 
-def _work(job: tuple[int, str, int]) -> tuple[int, RouteResult, list[float]]:
+def _work(route: RouteId) -> tuple[RouteResult, list[float]]:
     assert _runner is not None
-    index, scenario, seed = job
-    return index, *_runner.drive(scenario, seed)
+    return _runner.drive(route)
 
 
 def evaluate(
     spec: DriverSpec,
     suite: str,
     version: str,
-    routes: Routes,
-    image_size: tuple[int, int] = (96, 160),
+    routes: Sequence[RouteId],
+    conditions: Conditions | None = None,
     lines: Path | None = None,
     on_route: OnRoute = lambda done, result: None,
     workers: int = 1,
 ) -> dict[str, Any]:
     """Drive all routes; the result's form for machines.
 
-    lines: a JSON-lines file. Its first record says that nothing is finished yet; routes that it holds
-    already are not driven again. Raises ResultsError when it belongs to another driver or suite.
+    lines: a JSON-lines file. Its first record says that nothing is finished yet; routes that it holds already are
+    not driven again. Raises ResultsError when it belongs to another driver or suite.
     """
-    results: dict[int, RouteResult] = {}
-    if lines is not None:
-        results = _resume(lines, {'driver': spec.identity(), 'suite': suite, 'version': version}, routes)
+    conditions = conditions or Conditions()
+    file = RowsFile(lines, header_of(spec.identity(), suite, version, routes, quirks=conditions.quirks))
     tick_ms: list[float] = []
-    jobs = [(i, kind, seed) for i, (kind, seed) in enumerate(routes) if i not in results]
-    for index, result, times in _driven(spec, image_size, jobs, workers):
-        results[index] = result
+    jobs = [route for route in routes if route not in file.rows]
+    for result, times in _driven(spec, conditions, jobs, workers):
         tick_ms += times
-        if lines is not None:
-            with lines.open('a') as file:
-                file.write(json.dumps(result.to_json()) + '\n')
-        on_route(len(results), result)
-    return summarise(spec.name, suite, version, [results[i] for i in range(len(routes))], timing_of(tick_ms))
+        file.add(result)
+        on_route(len(file.rows), result)
+    return summarise(spec.name, suite, version, routes, list(file.rows.values()), timing_of(tick_ms))
 
 
 def _driven(
-    spec: DriverSpec, image_size: tuple[int, int], jobs: list[tuple[int, str, int]], workers: int
-) -> Iterator[tuple[int, RouteResult, list[float]]]:
+    spec: DriverSpec, conditions: Conditions, jobs: list[RouteId], workers: int
+) -> Iterator[tuple[RouteResult, list[float]]]:
     if workers <= 1:
-        runner = RouteRunner(spec.build(), image_size)
-        for index, kind, seed in jobs:
-            yield index, *runner.drive(kind, seed)
+        runner = RouteRunner(spec.build(), conditions)
+        for route in jobs:
+            yield runner.drive(route)
         return
-    # Spawned, not forked: torch's threads do not survive a fork.
-    with multiprocessing.get_context('spawn').Pool(workers, _start_worker, (spec, image_size)) as pool:
-        yield from pool.imap_unordered(_work, jobs)
+    # Spawned, not forked: torch's threads do not survive a fork. In order, so that files do not depend on workers.
+    with multiprocessing.get_context('spawn').Pool(workers, _start_worker, (spec, conditions)) as pool:
+        yield from pool.imap(_work, jobs)
 
 
-def _resume(lines: Path, header: dict[str, str], routes: Routes) -> dict[int, RouteResult]:
-    """Results that the file holds already; a new file gets its header."""
-    lines.parent.mkdir(parents=True, exist_ok=True)
-    if not lines.exists():
-        record = {'status': 'failed, no data', 'started': time.time()} | header
-        lines.write_text(json.dumps(record) + '\n')
-        return {}
-    text = lines.read_text()
-    whole = text if text.endswith('\n') else text[: text.rfind('\n') + 1]
-    if whole != text:
-        # The last line was being written when its writer died.
-        lines.write_text(whole)
-    try:
-        first, *rest = (json.loads(line) for line in whole.splitlines())
-        found = {row['id']: RouteResult(**row) for row in rest}
-    except (ValueError, TypeError, KeyError) as error:
-        raise ResultsError(f'{lines}: damaged results ({error}); move it away or give another --out') from error
-    different = [f'{key} {first.get(key)!r}, not {value!r}' for key, value in header.items() if first.get(key) != value]
-    if different:
-        raise ResultsError(f'{lines}: holds results of {"; ".join(different)}: give another --out')
-    wanted = {f'{kind}/{seed}': i for i, (kind, seed) in enumerate(routes)}
-    return {wanted[name]: row for name, row in found.items() if name in wanted}
+def summarise(
+    driver: str,
+    suite: str,
+    version: str,
+    routes: Sequence[RouteId],
+    rows: Sequence[RouteResult],
+    timing: dict[str, Any],
+) -> dict[str, Any]:
+    """The one form of results for machines. Routes without a row count as zero and are listed under `missing`."""
+    header = {'driver': driver, 'suite': suite, 'version': version}
+    results = Results(header | {'routes': [str(route) for route in routes]}, [row.to_json() for row in rows])
+    return {
+        **header,
+        'routes': [row for row in results.by_id().values() if row is not None],
+        'missing': [str(route) for route in results.missing],
+        'summary': summary(results),
+        'abilities': by_ability(results),
+        'flaky': flaky(results),
+        'timing': timing,
+    }
+
+
+def header_of(
+    identity: str, suite: str, version: str, routes: Sequence[RouteId], *, quirks: bool = False
+) -> dict[str, Any]:
+    """The first record of a file of results."""
+    return {
+        'status': 'failed, no data',
+        'started': round(time.time(), 1),
+        'driver': identity,
+        'suite': suite,
+        'version': version,
+        'quirks': quirks,
+        'routes': [str(route) for route in routes],
+    }
+
+
+class RowsFile:
+    """rows: finished routes by id, those of an earlier call included. Without a path nothing is written."""
+
+    def __init__(self, path: Path | None, header: dict[str, Any]) -> None:
+        self.path = path
+        self.rows: dict[RouteId, RouteResult] = {}
+        if path is None:
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            self._take_over(path, header)
+        else:
+            path.write_text(json.dumps(header) + '\n')
+
+    def add(self, row: RouteResult) -> None:
+        self.rows[RouteId.parse(row.id)] = row
+        if self.path is not None:
+            with self.path.open('a') as file:
+                file.write(json.dumps(row.to_json()) + '\n')
+
+    def _take_over(self, path: Path, header: dict[str, Any]) -> None:
+        text = path.read_text()
+        # What follows the last line break was being written when its writer died.
+        whole = text[: text.rfind('\n') + 1]
+        try:
+            first, *rest = (json.loads(line) for line in whole.splitlines())
+            found = {RouteId.parse(row['id']): RouteResult(**row) for row in rest}
+            wanted = set(header['routes'])
+            strange = [route for route in first['routes'] if route not in wanted]
+        except (ValueError, TypeError, KeyError) as error:
+            raise ResultsError(f'{path}: damaged results ({error}); move it away or give another --out') from error
+        same = ('driver', 'suite', 'version', 'quirks')
+        different = [f'{key} {first.get(key)!r}, not {header[key]!r}' for key in same if first.get(key) != header[key]]
+        if strange:
+            different.append(f'{strange[0]}, which is not asked for now')
+        if different:
+            raise ResultsError(f'{path}: holds results of {"; ".join(different)}: give another --out')
+        self.rows = found
+        if whole != text or first['routes'] != header['routes']:
+            lines = [json.dumps(first | {'routes': header['routes']}), *whole.splitlines()[1:]]
+            partial = path.with_name(path.name + '.partial')
+            partial.write_text('\n'.join(lines) + '\n')
+            partial.replace(path)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from raw2drive_ros.contract import Control, Float64
-from raw2drive_ros.simulation.actors import first_on_path
+from raw2drive_ros.simulation.leaders import first_on_path
 from raw2drive_ros.simulation.path import SPACING_M
 from raw2drive_ros.simulation.world import World
 
@@ -52,7 +52,7 @@ def beside_route(world: World, offset_m: float = 0.0) -> Float64:
 
 def leader(world: World, window_m: Float64) -> tuple[float, float]:
     """(free gap, closing speed) to the first thing in the ego's corridor along `window_m`, or (inf, 0)."""
-    gap, closing = first_on_path(world, world.ego, window_m, 0.2, SIGHT_M)
+    gap, closing = first_on_path(world, len(world.actors), window_m, 0.2, SIGHT_M)
     return gap + 1.0, closing
 
 

@@ -1,14 +1,14 @@
-"""Scores of one drive and of many, after Bench2Drive (spec 4.1, 4.2); reimplemented from the formulas."""
+"""Scores of one drive, after Bench2Drive (spec 4.1 to 4.4); reimplemented from the formulas."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from raw2drive_ros.simulation.scenario import load_scenarios
+from raw2drive_ros.simulation.route_id import RouteId
 
 COEFFICIENTS = {
     'collision_pedestrian': 0.50,
@@ -20,23 +20,34 @@ COEFFICIENTS = {
 }
 BOOTSTRAP_SAMPLES = 2000
 ABILITIES = ('Merging', 'Overtaking', 'EmergencyBrake', 'GiveWay', 'TrafficSign')
+EFFICIENCY_LIMIT_PERCENT = 1000.0
+NO_TRAFFIC_QUIRK_PERCENT = 100.0
 
 
 @dataclass(frozen=True, slots=True)
 class RouteResult:
     """One route's row. route_completion, driving_score: [0, 100]. infraction_score: [0, 1].
-    infractions: name -> count, and the failure that ended the drive, if one did. signs_obeyed: through the
-    first junction without running a light or a stop sign (the Traffic Sign ability's extra credit)."""
+    infractions: name -> count, and the failure that ended the drive, if one did. signs_obeyed: through the first
+    junction without running a light or a stop sign (the Traffic Sign ability's extra credit). reward: sum over the
+    drive. efficiency: mean speed in percent of the traffic's; comfort: percent of comfortable segments; None where
+    undefined."""
 
     id: str
     type: str
     seed: int
+    weather: str
+    repetition: int
     route_completion: float
     infraction_score: float
     driving_score: float
     success: bool
-    infractions: dict[str, int]
+    infractions: dict[str, int] = field(default_factory=dict)
     signs_obeyed: bool = False
+    failure: str = ''
+    duration_s: float = 0.0
+    reward: float = 0.0
+    efficiency: float | None = None
+    comfort: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -50,15 +61,27 @@ def infraction_score(events: dict[str, int], outside_percent: float) -> float:
     return score
 
 
+def efficiency_percent(percents: Sequence[float], *, quirks: bool = False) -> float | None:
+    """Mean of a route's speed checkpoints, values above 1000 % left out. Without traffic to compare with it is
+    undefined; Bench2Drive says 100 % then (`quirks`)."""
+    kept = [percent for percent in percents if percent <= EFFICIENCY_LIMIT_PERCENT]
+    if not kept:
+        return NO_TRAFFIC_QUIRK_PERCENT if quirks else None
+    return float(np.mean(kept))
+
+
 def score_route(
-    scenario: str,
-    seed: int,
+    route: RouteId,
     completion: float,
     events: dict[str, int],
     failure: str,
     outside_percent: float,
     *,
     signs_obeyed: bool = False,
+    duration_s: float = 0.0,
+    reward: float = 0.0,
+    efficiency: float | None = None,
+    comfort: float | None = None,
 ) -> RouteResult:
     """Success: the whole route, no infraction, no failure."""
     score = infraction_score(events, outside_percent)
@@ -68,16 +91,28 @@ def score_route(
     if outside_percent > 0:
         infractions['outside_lanes'] = 1
     return RouteResult(
-        f'{scenario}/{seed}',
-        scenario,
-        seed,
+        str(route),
+        route.type,
+        route.seed,
+        route.weather,
+        route.repetition,
         round(completion, 4),
         round(score, 6),
         round(max(0.0, completion * score), 4),
         completion >= 100.0 and not infractions,
         infractions,
         signs_obeyed,
+        failure,
+        round(duration_s, 2),
+        round(reward, 4),
+        None if efficiency is None else round(efficiency, 3),
+        None if comfort is None else round(comfort, 3),
     )
+
+
+def failed_route(route: RouteId, reason: str) -> RouteResult:
+    """A route whose drive could not be carried through: zero, with the reason."""
+    return score_route(route, 0.0, {}, f'error: {reason}', 0.0)
 
 
 def bootstrap(values: Sequence[float], seed: int = 0) -> dict[str, float]:
@@ -87,40 +122,3 @@ def bootstrap(values: Sequence[float], seed: int = 0) -> dict[str, float]:
     means = data[rng.integers(0, len(data), (BOOTSTRAP_SAMPLES, len(data)))].mean(axis=1)
     low, high = np.percentile(means, [2.5, 97.5])
     return {'mean': float(data.mean()), 'low': float(low), 'high': float(high)}
-
-
-def abilities_of(routes: Sequence[RouteResult]) -> dict[str, dict[str, float]]:
-    """Success in percent per ability with its interval, and `mean` over the five, where all five are driven.
-
-    A type counts for each of its abilities. For TrafficSign a failed route succeeds too when it got
-    through its first junction and broke no light or stop sign (spec 4.6).
-    """
-    by_ability: dict[str, list[float]] = {name: [] for name in ABILITIES}
-    known = load_scenarios()
-    for route in routes:
-        for ability in known[route.type].abilities if route.type in known else ():
-            good = route.success or (ability == 'TrafficSign' and route.signs_obeyed)
-            by_ability[ability].append(100.0 * good)
-    found = {name: bootstrap(values) for name, values in by_ability.items() if values}
-    if len(found) == len(ABILITIES):
-        found['mean'] = {'mean': float(np.mean([v['mean'] for v in found.values()]))}
-    return found
-
-
-def summarise(
-    driver: str, suite: str, version: str, routes: Sequence[RouteResult], timing: dict[str, Any]
-) -> dict[str, Any]:
-    """The one form of results for machines."""
-    return {
-        'driver': driver,
-        'suite': suite,
-        'version': version,
-        'routes': [route.to_json() for route in routes],
-        'summary': {
-            'driving_score': bootstrap([r.driving_score for r in routes]),
-            'success_rate': bootstrap([100.0 * r.success for r in routes]),
-            'route_completion': bootstrap([r.route_completion for r in routes]),
-        },
-        'abilities': abilities_of(routes),
-        'timing': timing,
-    }

@@ -1,16 +1,19 @@
-"""Which routes an evaluation drives: (scenario type, seed) pairs by name."""
+"""Which routes an evaluation drives: by name."""
 
 from __future__ import annotations
 
+from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import UnknownScenarioError, load_scenarios
+from raw2drive_ros.simulation.weather import CLEAR, get_weather
 
-SUITE_VERSION = '1'
+# Of routes that are named on the command line; suites carry their own.
+SUITE_VERSION = '2'
 
 
-def routes_of(name: str, seeds: int, first_seed: int = 0) -> list[tuple[str, int]]:
+def routes_of(name: str, seeds: int, first_seed: int = 0, weather: str = CLEAR) -> list[RouteId]:
     """`lane-following`, any scenario type, an ability, a comma list, or `all`; `seeds` each, from `first_seed` on.
 
-    Raises UnknownScenarioError.
+    Raises UnknownScenarioError or UnknownWeatherError.
     """
     known = load_scenarios()
     chosen: list[str] = []
@@ -24,4 +27,8 @@ def routes_of(name: str, seeds: int, first_seed: int = 0) -> list[tuple[str, int
             chosen += match or by_ability
         else:
             raise UnknownScenarioError(f'unknown routes {part!r}; use all, an ability, or one of: {", ".join(known)}')
-    return [(scenario, seed) for scenario in dict.fromkeys(chosen) for seed in range(first_seed, first_seed + seeds)]
+    return [
+        RouteId(scenario, seed, get_weather(weather).name)
+        for scenario in dict.fromkeys(chosen)
+        for seed in range(first_seed, first_seed + seeds)
+    ]

@@ -1,7 +1,7 @@
 """Suites: versioned lists of routes in `params/suites/`, and how they are drawn.
 
-A route is (scenario type, seed). Evaluation suites use seeds below `VALIDATION_SEED_START`, training
-suites seeds from `TRAIN_SEED_START` on; between them lie the seeds that checkpoints are chosen on.
+A route is a scenario type, a seed and a weather. Evaluation suites use seeds below `VALIDATION_SEED_START`,
+training suites seeds from `TRAIN_SEED_START` on; between them lie the seeds that checkpoints are chosen on.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ import numpy as np
 from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.expert import Plan, follow, hits
 from raw2drive_ros.simulation.actors import StandingObject, boxes_overlap, corners_m
+from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios, rng_for
+from raw2drive_ros.simulation.weather import WEATHER_NAMES
 from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
 from raw2drive_ros.world_model.config import preset_folder
 
@@ -24,7 +26,7 @@ VALIDATION_SEED_START = 50_000
 REHEARSAL_S = 20.0
 CHECK_EVERY_TICKS = 3
 DRAW_LIMIT = 60
-PRACTICE = ('LaneFollowing', 'JunctionTurns')
+PRACTICE = ('LaneFollowing', 'JunctionTurns', 'LongRoute')
 # Bench2Drive's ten types for quick looks (spec 4.7).
 DEV10 = (
     'ParkingExit',
@@ -52,7 +54,7 @@ class UnfairScenarioError(RuntimeError):
 class Suite:
     name: str
     version: str
-    routes: tuple[tuple[str, int], ...]
+    routes: tuple[RouteId, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,7 @@ def suite_plans() -> dict[str, SuitePlan]:
     return {
         'b2d220': SuitePlan(types, 5, 0),
         'dev10': SuitePlan(DEV10, 1, 0),
+        'long': SuitePlan(('LongRoute',), 12, 0),
         'validation': SuitePlan(types, 2, VALIDATION_SEED_START),
         'train': SuitePlan(types, 24, TRAIN_SEED_START),
     }
@@ -88,37 +91,41 @@ def load_suite(name: str) -> Suite:
     path = Path(name) if name.endswith('.json') else suite_folder() / f'{name}.json'
     try:
         body = json.loads(path.read_text())
-        routes = tuple((kind, int(seed)) for kind, seeds in body['routes'].items() for seed in seeds)
+        routes = tuple(RouteId.parse(f'{kind}/{rest}') for kind, places in body['routes'].items() for rest in places)
         suite = Suite(str(body['name']), str(body['version']), routes)
     except FileNotFoundError as error:
         known = ', '.join(sorted(p.stem for p in suite_folder().glob('*.json')))
         raise UnknownSuiteError(f'unknown suite {name!r}; known: {known}, or the path of a .json file') from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UnknownSuiteError(f'{path}: not a suite: {type(error).__name__}: {error}') from error
-    for kind in {kind for kind, _ in suite.routes}:
+    for kind in {route.type for route in suite.routes}:
         get_scenario(kind)
     return suite
 
 
 def draw_suite(
     plan: SuitePlan, on_route: Callable[[int], None] = lambda done: None
-) -> tuple[dict[str, list[int]], int]:
-    """(seeds by type, number of rejected draws). Raises UnfairScenarioError for a type that is hardly ever fair."""
-    found: dict[str, list[int]] = {}
+) -> tuple[dict[str, list[str]], int]:
+    """('seed/weather' by type, number of rejected draws); weathers follow one another from route to route.
+
+    Raises UnfairScenarioError for a type that is hardly ever fair.
+    """
+    found: dict[str, list[str]] = {}
     rejected = done = 0
     for kind in plan.types:
-        seeds, seed = [], plan.first_seed
-        while len(seeds) < plan.per_type:
+        places: list[str] = []
+        seed = plan.first_seed
+        while len(places) < plan.per_type:
             if is_fair(kind, seed):
-                seeds.append(seed)
+                places.append(f'{seed}/{WEATHER_NAMES[done % len(WEATHER_NAMES)]}')
                 done += 1
                 on_route(done)
             else:
                 rejected += 1
-            if seed - plan.first_seed - len(seeds) >= DRAW_LIMIT:
+            if seed - plan.first_seed - len(places) >= DRAW_LIMIT:
                 raise UnfairScenarioError(f'{kind}: {DRAW_LIMIT} draws rejected; its actors crash among themselves')
             seed += 1
-        found[kind] = seeds
+        found[kind] = places
     return found, rejected
 
 

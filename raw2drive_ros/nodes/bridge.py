@@ -17,13 +17,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from msg_adapters.commands import decision_from_message
+from msg_adapters.commands import decision_from_message, decision_to_message
 from msg_adapters.diagnostics import OK, WARN
 from msg_adapters.factory import RclpyFactory
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError, Control
+from raw2drive_ros.contract import ContractError, Control, Decision
 from raw2drive_ros.driving.command_policy import CommandPolicy
-from raw2drive_ros.evaluation.episode import result_of
+from raw2drive_ros.evaluation.drivers import EpisodeDriver, make_driver
+from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
 from raw2drive_ros.evaluation.evaluate import timing_of
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
@@ -31,7 +32,9 @@ from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscr
 from raw2drive_ros.nodes.runtime import NodeError, run_node
 from raw2drive_ros.recording.tick_messages import TickMessages
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
+from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import UnknownScenarioError, get_scenario
+from raw2drive_ros.simulation.weather import CLEAR, UnknownWeatherError, get_weather
 from raw2drive_ros.timing import load_timing
 
 RESEND_AFTER_S = 1.0
@@ -45,9 +48,13 @@ class BridgeNode(Node):
         p = declare(
             self,
             {
-                'episodes': ('', 'comma list of scenario/seed to drive; empty: `scenario` and `seed`, then on'),
+                'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: the next three, then on'),
                 'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
                 'seed': (0, 'seed for ~/reset and for endless driving'),
+                'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
+                'co_driver': ('', 'a driver that reads the simulation and proposes commands in the place of a planner'),
+                'co_driver_run': ('', 'stage-1 run of co-driver privileged'),
+                'quirks': (False, 'efficiency and comfort as Bench2Drive computes them'),
                 'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
                 'image_height': (96, 'camera image height in pixels'),
                 'image_width': (160, 'camera image width in pixels'),
@@ -55,6 +62,7 @@ class BridgeNode(Node):
                 'bev': (True, 'publish privileged BEV masks'),
                 'wait_for_image_subscribers': (1, 'start when every sensor topic has so many subscribers'),
                 'result_file': ('', 'write results as JSON here when all episodes are driven'),
+                'rows_file': ('', 'append a JSON line per finished episode here'),
                 'progress_file': ('', 'append one JSON line per second of simulated time here'),
                 'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
             },
@@ -68,7 +76,11 @@ class BridgeNode(Node):
         self.queue = _parse_episodes(p['episodes'])
         self.endless = not self.queue
         get_scenario(p['scenario'])
-        config = SimulationConfig((p['image_height'], p['image_width']), bev=p['bev'], end_on_infraction=False)
+        self.co_driver = _co_driver(p['co_driver'], p['co_driver_run'])
+        cameras = self.co_driver is None or self.co_driver.needs_cameras
+        config = SimulationConfig(
+            (p['image_height'], p['image_width']), cameras=cameras, bev=p['bev'], end_on_infraction=False
+        )
         self.env = DrivingEnv(config)
         self.messages = TickMessages(RclpyFactory(), self.env.rig, compressed=self.compressed)
         self.losses = LossCounter()
@@ -77,13 +89,16 @@ class BridgeNode(Node):
         for spec in topics.TOPICS:
             if spec.publisher.startswith('bridge'):
                 self.outputs[spec.name] = make_publisher(self, spec.name)
+        if self.co_driver is not None:
+            self.outputs[topics.PROPOSED] = make_publisher(self, topics.PROPOSED)
         make_subscription(self, topics.COMMAND, self._on_command, self.losses)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.create_timer(1.0, self.diagnostics.publish)
         self.answer: tuple[int, Control] | None = None
-        self.reset_to: tuple[str, int] | None = None
+        self.reset_to: RouteId | None = None
+        self.proposed: Decision | None = None
         self.paused = False
         self.bad_commands = 0
         self.tick_ms: list[float] = []
@@ -104,21 +119,23 @@ class BridgeNode(Node):
         seed = int(self.p['seed'])
         index = 0
         while self.endless or index < len(self.queue):
-            scenario, episode_seed = (self.p['scenario'], seed + index) if self.endless else self.queue[index]
+            endless = RouteId(self.p['scenario'], seed + index, self.p['weather'])
+            route = endless if self.endless else self.queue[index]
             if self.reset_to is not None:
-                scenario, episode_seed = self.reset_to
-                self.reset_to = None
-            self._drive(scenario, episode_seed, index)
+                route, self.reset_to = self.reset_to, None
+            self._drive(route, index)
             index += self.reset_to is None
         # Publishers take what nobody has received yet with them when they go.
         for publisher in self.outputs.values():
             publisher.wait_for_all_acked(Duration(seconds=1))
         self._write_results()
 
-    def _drive(self, scenario: str, seed: int, index: int) -> None:
-        tick, _ = self.env.reset(seed=seed, options={'scenario': scenario})
-        self.episode = f'{scenario}/{seed}'
+    def _drive(self, route: RouteId, index: int) -> None:
+        tick, _ = self.env.reset_to(route)
+        self.episode = str(route)
         self.policy.reset()
+        if self.co_driver is not None:
+            self.co_driver.reset(driver_seed(route))
         self._publish_route(tick)
         ticks = 0
         self.due = time.perf_counter()
@@ -126,6 +143,8 @@ class BridgeNode(Node):
         while not self.env.done and (not limit or ticks < limit):
             self.tick_started = time.perf_counter()
             self._publish(tick)
+            if self.co_driver is not None:
+                self._propose(self.co_driver.control(self.env, as_received(self.messages.factory, tick), tick))
             control = self._wait_for_command(tick)
             while self.paused:
                 self.executor_.spin_once(timeout_sec=0.1)
@@ -138,7 +157,10 @@ class BridgeNode(Node):
                 self._progress(index, ticks)
                 self._publish_route(tick, wait=False)
         self._publish(tick)
-        self.results.append(result_of(self.env).to_json())
+        self.results.append(result_of(self.env, quirks=self.p['quirks']).to_json())
+        if self.p['rows_file']:
+            with Path(self.p['rows_file']).open('a') as file:
+                file.write(json.dumps(self.results[-1]) + '\n')
         self._progress(index, ticks, done=True)
 
     def _wait_for_command(self, tick: Tick) -> Control:
@@ -163,6 +185,8 @@ class BridgeNode(Node):
                 resend = time.perf_counter() + RESEND_AFTER_S
                 self._publish_route(tick)
                 self._publish(tick)
+                if self.proposed is not None:
+                    self._propose(self.proposed)
         newest = self.answer
         if not self.lock_step and newest is not None:
             age_s = (tick.stamp_ns - newest[0]) * 1e-9
@@ -195,6 +219,10 @@ class BridgeNode(Node):
             for topic, _, message in source:
                 self.outputs[topic].publish(message)
 
+    def _propose(self, decision: Decision) -> None:
+        self.outputs[topics.PROPOSED].publish(decision_to_message(self.messages.factory, decision))
+        self.proposed = decision
+
     # -- callbacks --------------------------------------------------------------------------------
 
     def _on_command(self, message: Any) -> None:
@@ -206,17 +234,18 @@ class BridgeNode(Node):
             self.get_logger().error(f'command refused: {error}', throttle_duration_sec=1.0)
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        """Start over with the parameters `scenario` and `seed`."""
+        """Start over with the parameters `scenario`, `seed` and `weather`."""
         scenario = str(self.get_parameter('scenario').value)
         seed = int(self.get_parameter('seed').value or 0)
         try:
             get_scenario(scenario)
-        except UnknownScenarioError as error:
+            weather = get_weather(str(self.get_parameter('weather').value)).name
+        except (UnknownScenarioError, UnknownWeatherError) as error:
             response.success, response.message = False, str(error)
             return response
-        self.p['scenario'] = scenario
-        self.reset_to = (scenario, seed)
-        response.success, response.message = True, f'{scenario}/{seed}'
+        self.p['scenario'], self.p['weather'] = scenario, weather
+        self.reset_to = RouteId(scenario, seed, weather)
+        response.success, response.message = True, str(self.reset_to)
         return response
 
     def _on_pause(self, request: Any, response: Any) -> Any:
@@ -253,7 +282,10 @@ class BridgeNode(Node):
         # Discovery matches topic by topic: every sensor topic counts, not only the first.
         unused = {topics.IMU_EXTRINSICS}
         unused |= {(topics.image_topic if self.compressed else topics.compressed_topic)(c) for c in topics.CAMERAS}
-        sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name not in unused]
+        if self.co_driver is not None:
+            sensors = [self.outputs[topics.PROPOSED]]
+        else:
+            sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name not in unused]
         wanted = int(self.p['wait_for_image_subscribers'])
         deadline = time.perf_counter() + self.timing.discovery_timeout_s
         while (
@@ -301,15 +333,18 @@ class BridgeNode(Node):
         partial.replace(target)
 
 
-def _parse_episodes(text: str) -> list[tuple[str, int]]:
-    """'A/1,B/2' -> [('A', 1), ('B', 2)]. Raises NodeError or UnknownScenarioError."""
-    episodes = []
-    for part in filter(None, (p.strip() for p in text.split(','))):
-        name, _, seed = part.partition('/')
-        if not seed.isdigit():
-            raise NodeError(f'episode {part!r} is not of the form scenario/seed')
-        get_scenario(name)
-        episodes.append((name, int(seed)))
+def _co_driver(name: str, run: str) -> EpisodeDriver | None:
+    """Raises NodeError for the raw driver, which is the planner's; UnknownDriverError, CheckpointError."""
+    if name == 'raw':
+        raise NodeError('co_driver: the raw driver runs in the planner node')
+    return make_driver(name, run=Path(run) if run else None) if name else None
+
+
+def _parse_episodes(text: str) -> list[RouteId]:
+    """'A/1,B/2/FogNoon' -> routes. Raises RouteIdError, UnknownScenarioError or UnknownWeatherError."""
+    episodes = [RouteId.parse(part) for part in text.split(',') if part.strip()]
+    for route in episodes:
+        get_scenario(route.type)
     return episodes
 
 

@@ -14,20 +14,16 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
 
 from raw2drive_ros.contract import Float64
+from raw2drive_ros.simulation.leaders import LOOK_AHEAD_M
 from raw2drive_ros.simulation.path import Path, smooth_step
 from raw2drive_ros.simulation.scripts import Meeting, Pacing, Script, ego_is_due
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.world import World
 
-LOOK_AHEAD_M = 50.0
 DOOR_OPENS_IN_S = 0.6
 # Slower targets than this mean: stand until a script says go.
 CREEP_MPS = 0.05
-ALIGNED_COS = 0.75
-STANDING_MPS = 0.5
-# Traffic reacts to an ego that changes lanes once its centre is in theirs, as CARLA's agents do.
-IN_LANE_M = 1.4
 EGO_HALF_WIDTH_M = 1.0
 SIZE_SPREAD = 0.06
 
@@ -81,6 +77,7 @@ class PathVehicle(Vehicle):
     """Traffic on a fixed path: IDM towards whatever occupies the path ahead, and to closed stop lines.
 
     heedless: sees nobody (a driver who takes the right of way). steered: sets the speed while it lasts.
+    gap_m, closing_mps: free gap to what is first on the path, and how fast it closes; set by the world.
     """
 
     def __init__(
@@ -98,6 +95,7 @@ class PathVehicle(Vehicle):
         steered: Meeting | Pacing | None = None,
         has_priority: bool = False,
         time_gap_s: float = 1.2,
+        ends_at_s_m: float = math.inf,
     ) -> None:
         x, y, yaw = path.pose(s_m, lateral_m)
         super().__init__(None, (x, y), yaw, speed_mps)
@@ -114,6 +112,8 @@ class PathVehicle(Vehicle):
         self.steered = steered
         self.has_priority = has_priority
         self.time_gap_s = time_gap_s
+        self.ends_at_s_m = min(ends_at_s_m, path.length_m + 2.0)
+        self.gap_m, self.closing_mps = math.inf, 0.0
         self.command_acceleration = 0.0
         self.gone = False
 
@@ -127,8 +127,8 @@ class PathVehicle(Vehicle):
                 continue
             if script.target_speed_mps is not None:
                 self.target_speed = script.target_speed_mps
-            if script.acceleration_mps2 is not None:
-                forced = script.acceleration_mps2 if self.speed > script.until_speed_mps else 0.0
+            if (acceleration := script.acceleration(world, self.speed)) is not None:
+                forced = acceleration
         if self.steered is not None and self.target_speed > CREEP_MPS:
             steered = self.steered.acceleration(world, self)
             forced = forced if steered is None else steered
@@ -137,7 +137,7 @@ class PathVehicle(Vehicle):
     def _idm(self, world: World) -> float:
         v, wanted = self.speed, max(self.target_speed, 0.1)
         free = IDMVehicle.COMFORT_ACC_MAX * (1.0 - (v / wanted) ** 4)
-        gap, closing = self._leader(world)
+        gap, closing = self.gap_m, self.closing_mps
         for stop_s, is_closed in self.waits_at_m:
             distance = stop_s - self.s_m - self.LENGTH / 2
             if 0.0 < distance < LOOK_AHEAD_M and is_closed(world) and distance < gap:
@@ -147,25 +147,6 @@ class PathVehicle(Vehicle):
         comfort = math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
         wanted_gap = 3.0 + max(0.0, v * self.time_gap_s + v * closing / (2.0 * comfort))
         return max(free - IDMVehicle.COMFORT_ACC_MAX * (wanted_gap / max(gap, 0.1)) ** 2, -8.0)
-
-    def _leader(self, world: World) -> tuple[float, float]:
-        """(free gap, closing speed) to the first thing on the path ahead, or (inf, 0)."""
-        if self.heedless:
-            return math.inf, 0.0
-        window = self.path.window(self.s_m, LOOK_AHEAD_M)
-        blind_to = len(world.actors) if self._overlooks_ego(world, window) else -1
-        return first_on_path(world, self, window, blind_to=blind_to)
-
-    def _overlooks_ego(self, world: World, window_m: Float64) -> bool:
-        """Who has priority does not look out for an ego that crosses, and nobody for one beside the own lane."""
-        ego = world.ego
-        delta = ego.position - self.position
-        if ego.speed < STANDING_MPS or not len(window_m) or abs(delta[0]) + abs(delta[1]) > 2 * LOOK_AHEAD_M:
-            return False
-        if self.has_priority and math.cos(self.heading - ego.heading) < ALIGNED_COS:
-            return True
-        gaps = window_m - ego.position
-        return float(np.einsum('pk,pk->p', gaps, gaps).min()) > IN_LANE_M**2
 
     def step(self, dt: float) -> None:
         self.speed = max(0.0, self.speed + self.command_acceleration * dt)
@@ -182,40 +163,7 @@ class PathVehicle(Vehicle):
         if drifting and math.hypot(moved_x, moved_y) > 0.05:
             self.heading = math.atan2(moved_y, moved_x)
         self.position[:] = ahead[:2]
-        self.gone = self.s_m > self.path.length_m + 2.0
-
-
-def first_on_path(
-    world: World,
-    follower: Vehicle,
-    window_m: Float64,
-    margin_m: float = 0.3,
-    reach_m: float = LOOK_AHEAD_M,
-    blind_to: int = -1,
-) -> tuple[float, float]:
-    """(free gap, closing speed) from `follower` to the first thing that reaches into its corridor, or (inf, 0).
-
-    window_m: (M, 2) points of its path, 1 m apart, from where it is. margin_m: room on either side of it.
-    blind_to: row of the world's arrays that it does not see; -1 for none.
-    """
-    near = np.abs(world.positions - follower.position).max(axis=1) < reach_m
-    near[world.index_of(follower)] = False
-    if blind_to >= 0:
-        near[blind_to] = False
-    others = np.flatnonzero(near)
-    if not len(others) or not len(window_m):
-        return math.inf, 0.0
-    delta = world.positions[others, None] - window_m[None]
-    reach = world.half_widths[others] + follower.WIDTH / 2 + margin_m
-    hits = np.einsum('apk,apk->ap', delta, delta) < (reach**2)[:, None]
-    first = np.where(hits.any(axis=1), hits.argmax(axis=1), 10_000)
-    best = int(np.argmin(first))
-    if first[best] == 10_000:
-        return math.inf, 0.0
-    other = others[best]
-    cos = math.cos(follower.heading - world.headings[other])
-    gap = float(first[best]) + reach[best] * 0.5 - follower.LENGTH / 2 - world.half_lengths[other] * abs(cos)
-    return max(float(gap), 0.05), float(follower.speed - world.speeds[other] * cos)
+        self.gone = self.s_m > self.ends_at_s_m
 
 
 class Walker(Vehicle):

@@ -103,20 +103,21 @@ class RoadMap:
         return self.path(self.exit[1:])
 
     def crossing_path(self, junction: int, source: str, target: str, lane: int = 0) -> Path:
-        """Traffic over a junction between arms: left, right, ahead, or `back` (where the ego comes from)."""
+        """Traffic over a junction between arms: left, right, ahead, or `back` (where the ego comes from), from and to
+        the ends of the pieces next to the junction."""
         piece = self.junctions[junction].piece
         edges: list[Edge] = []
         if source == 'back':
-            edges += self.forward[:piece]
+            edges += self.forward[max(0, piece - 1) : piece]
         elif source == self.junctions[junction].spec.turn:
-            edges += self.backward[:piece:-1]
+            edges += self.backward[piece + 1 : piece + 2]
         else:
             edges.append((f'j{piece}{source}far_in', f'j{piece}{source}in'))
         edges.append((_inward(self, piece, source), _outward(self, piece, target)))
         if target == 'back':
-            edges += self.backward[:piece][::-1]
+            edges += self.backward[max(0, piece - 1) : piece]
         elif target == self.junctions[junction].spec.turn:
-            edges += self.forward[piece + 1 :]
+            edges += self.forward[piece + 1 : piece + 2]
         else:
             edges.append((f'j{piece}{target}out', f'j{piece}{target}far_out'))
         return self.path(edges, lane)

@@ -6,6 +6,7 @@ A new scenario type is one function in `scenarios/`, registered under its Bench2
 from __future__ import annotations
 
 import importlib
+import math
 import pkgutil
 import zlib
 from collections.abc import Callable
@@ -85,6 +86,8 @@ class TrafficSpec:
     enters_at_s: float = 0.0
     pacing: Pacing | None = None
     time_gap_s: float = 1.2
+    waits_for_s_m: float = 0.0
+    ends_at_s_m: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)

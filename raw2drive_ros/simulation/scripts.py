@@ -23,8 +23,8 @@ class Script:
     Triggers (any that is set): `ego_within_m` of the actor, `ego_at_s_m` along the route, `ego_due` =
     (s_m, seconds): at its speed the ego's front reaches that place so soon, `time_s`; the effect follows
     `delay_s` later.
-    Effects: `acceleration_mps2` (until `until_speed_mps`), `target_speed_mps`, or a drift of the path
-    by `drift_m` to the left over `drift_over_m` metres.
+    Effects: `acceleration_mps2` (until `until_speed_mps`, and for `lasts_s`), `target_speed_mps`, or a drift of
+    the path by `drift_m` to the left over `drift_over_m` metres.
     """
 
     ego_within_m: float | None = None
@@ -33,6 +33,7 @@ class Script:
     time_s: float | None = None
     acceleration_mps2: float | None = None
     until_speed_mps: float = 0.0
+    lasts_s: float = math.inf
     target_speed_mps: float | None = None
     drift_m: float = 0.0
     drift_over_m: float = 25.0
@@ -45,6 +46,12 @@ class Script:
         if self.due_s is None and self._triggered(world, actor):
             self.due_s = world.time_s + self.delay_s
         return self.due_s is not None and world.time_s >= self.due_s
+
+    def acceleration(self, world: World, speed_mps: float) -> float | None:
+        """What it forces upon the actor now, once it fires."""
+        if self.acceleration_mps2 is None or self.due_s is None or world.time_s > self.due_s + self.lasts_s:
+            return None
+        return self.acceleration_mps2 if speed_mps > self.until_speed_mps else 0.0
 
     def _triggered(self, world: World, actor: Vehicle) -> bool:
         ego = world.ego

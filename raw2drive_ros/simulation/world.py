@@ -11,7 +11,8 @@ import numpy as np
 from raw2drive_ros.contract import Control, Float64
 from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, twin_of
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
+from raw2drive_ros.simulation.layout import LANE_WIDTH_M
+from raw2drive_ros.simulation.leaders import find_leaders
 from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
 from raw2drive_ros.simulation.roads import ARM_TURN_RAD, LayoutError, RoadMap, build_road
 from raw2drive_ros.simulation.scenario import (
@@ -40,6 +41,7 @@ CHECKPOINT_SPACING_M = 25.0
 ENTRY_ROOM_M = 3.0
 # Who goes around an obstacle may begin and end so much earlier and later than the reference way past it.
 DETOUR_MARGIN_M = 20.0
+STRAIGHT_1PM = 1e-3
 # How far repetitions of a route start from where it is drawn: along, aside, and in speed.
 START_JITTER = (1.0, 0.15, 0.5)
 
@@ -72,13 +74,17 @@ class World:
         self.stop_signs = [self._stop_sign(spec.junction) for spec in self.scene.stop_signs]
         self.actors: list[Actor] = []
         self.pending: list[tuple[float, Actor]] = []
+        self.waiting: list[tuple[float, float, Actor]] = []
         for spec in self.scene.actors:
             actor = self._actor(spec, rng)
-            if isinstance(spec, TrafficSpec) and spec.enters_at_s > 0.0:
+            if isinstance(spec, TrafficSpec) and spec.waits_for_s_m > 0.0:
+                self.waiting.append((spec.waits_for_s_m, spec.enters_at_s, actor))
+            elif isinstance(spec, TrafficSpec) and spec.enters_at_s > 0.0:
                 self.pending.append((spec.enters_at_s, actor))
             else:
                 self.actors.append(actor)
         self.pending.sort(key=lambda entry: entry[0])
+        self.waiting.sort(key=lambda entry: entry[0])
         self.history: deque[tuple[list[Actor], Float64]] = deque(maxlen=HISTORY_TICKS)
         self.ego_history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_TICKS)
         self.light_history: deque[tuple[str, ...]] = deque(maxlen=HISTORY_TICKS)
@@ -91,6 +97,7 @@ class World:
         dt = 1.0 / PHYSICS_HZ
         self.ego.command = control
         self._disturb()
+        find_leaders(self, [a for a in self.actors if isinstance(a, PathVehicle) and not a.heedless])
         for actor in self.actors:
             actor.think(self)
         self.ego.step(dt)
@@ -116,6 +123,7 @@ class World:
         twin.ego.position = self.ego.position.copy()
         twin.actors = [twin_of(actor) for actor in self.actors]
         twin.pending = [(time_s, twin_of(actor)) for time_s, actor in self.pending]
+        twin.waiting = [(s_m, time_s, twin_of(actor)) for s_m, time_s, actor in self.waiting]
         twin.lights = [copy.copy(light) for light in self.lights]
         twin.stop_signs = [copy.copy(sign) for sign in self.stop_signs]
         twin.history = deque(maxlen=1)
@@ -125,11 +133,16 @@ class World:
 
     def _let_in(self) -> None:
         """Traffic that is due drives into the world, one after another, where there is room."""
-        if not self.pending or self.time_s < self.pending[0][0]:
-            return
-        actor = self.pending[0][1]
-        room = actor.LENGTH + ENTRY_ROOM_M
-        if all(np.abs(other.position - actor.position).max() > room for other in (*self.actors, self.ego)):
+        if self.waiting and self.route_s_m >= self.waiting[0][0]:
+            reached = [entry for entry in self.waiting if self.route_s_m >= entry[0]]
+            self.waiting = self.waiting[len(reached) :]
+            self.pending += [(self.time_s + after_s, actor) for _, after_s, actor in reached]
+            self.pending.sort(key=lambda entry: entry[0])
+        while self.pending and self.time_s >= self.pending[0][0]:
+            actor = self.pending[0][1]
+            room = actor.LENGTH + ENTRY_ROOM_M
+            if any(np.abs(other.position - actor.position).max() <= room for other in (*self.actors, self.ego)):
+                return
             self.actors.append(actor)
             del self.pending[0]
 
@@ -161,10 +174,10 @@ class World:
 
     def lateral_range_m(self, s_m: float) -> tuple[float, float]:
         """(right, left) offsets from the route between which the ego's centre may be: (0, 0) but near a detour."""
-        zone = self.detour_zone_m
-        if zone is None or not zone[0] - DETOUR_MARGIN_M < s_m < zone[1] + DETOUR_MARGIN_M:
-            return 0.0, 0.0
-        return min(0.0, float(self.way_offsets_m.min())), max(0.0, float(self.way_offsets_m.max()))
+        for begin, end, offset in self.detours:
+            if begin - DETOUR_MARGIN_M < s_m < end + DETOUR_MARGIN_M:
+                return min(0.0, offset), max(0.0, offset)
+        return 0.0, 0.0
 
     def checkpoints_m(self) -> Float64:
         """(N, 2) sparse route for the driver: a point every `CHECKPOINT_SPACING_M`, and the goal."""
@@ -195,11 +208,14 @@ class World:
         self.way_offsets_m = np.array([_offset_m(spec.lane, spec.lane, spec.detour, i * SPACING_M) for i in stations])
         yaw = self.route.headings_rad
         self.way_points_m = self.route.points_m + self.way_offsets_m[:, None] * np.stack([-np.sin(yaw), np.cos(yaw)], 1)
-        self.detour_zone_m: tuple[float, float] | None = None
-        if spec.detour:
-            last = spec.detour[-1]
-            end = last.s_m + last.over_m if last.to_lane == spec.lane else self.route.length_m
-            self.detour_zone_m = (spec.detour[0].s_m, end)
+        # Stretches beside the route, from each lane change away from it to the one back, or to the route's end.
+        self.detours: list[tuple[float, float, float]] = []
+        for i, out in enumerate(spec.detour):
+            if out.to_lane == spec.lane:
+                continue
+            back = spec.detour[i + 1] if i + 1 < len(spec.detour) else None
+            end = self.route.length_m if back is None else back.s_m + back.over_m
+            self.detours.append((out.s_m, end, -(out.to_lane - spec.lane) * LANE_WIDTH_M))
 
     def _light(self, spec: LightSpec) -> TrafficLight:
         entry, pole = self._junction_entry(spec.junction, beyond=True)
@@ -236,11 +252,12 @@ class World:
             return StandingObject(x, y, yaw + spec.yaw_rad, spec.kind, look)
         path = self._traffic_path(spec)
         waits = ()
-        if spec.obeys_light and self.lights:
+        number = next((i for i, light in enumerate(self.scene.lights) if light.junction == spec.junction), None)
+        if spec.obeys_light and number is not None:
             crosses = isinstance(spec.on, tuple) and spec.on[0] in ('left', 'right')
             entry = self._stop_line_s_m(spec, path)
             open_at = 'red' if crosses else 'green'
-            waits = ((entry, lambda world: world.lights[0].colour != open_at),)
+            waits = ((entry, lambda world: world.lights[number].colour != open_at),)
         target = spec.speed_mps if spec.target_speed_mps is None else spec.target_speed_mps
         return PathVehicle(
             path,
@@ -256,6 +273,7 @@ class World:
             self._meeting(spec, path) if spec.meets_ego else spec.pacing,
             spec.has_priority,
             spec.time_gap_s,
+            spec.ends_at_s_m,
         )
 
     def _meeting(self, spec: TrafficSpec, path: Path) -> Meeting:
@@ -303,12 +321,11 @@ def _route_path(scene: Scene, road: RoadMap) -> Path:
     spec = scene.route
     if spec.from_ramp:
         return road.ramp_path()
-    moves = (*spec.changes, *spec.detour)
-    last = max((change.s_m + change.over_m for change in moves), default=0.0)
-    if not _straight_until(scene.layout, last):
-        raise ValueError(f'RouteSpec: lane changes need straight pieces, here up to {last:.0f} m')
     base = min(round(spec.lane), scene.layout.forward_lanes - 1)
     path = road.forward_path(base)
+    for change in (*spec.changes, *spec.detour):
+        if path.curvature(change.s_m, change.over_m) > STRAIGHT_1PM:
+            raise ValueError(f'RouteSpec: lane changes need straight road, here at {change.s_m:.0f} m')
     if not spec.changes:
         return path
     shifted = path.shifted(lambda s_m: _offset_m(spec.lane, base, spec.changes, s_m))
@@ -326,16 +343,6 @@ def _offset_m(start_lane: float, base_lane: float, changes: tuple[LaneChange, ..
         offset -= (change.to_lane - lane) * LANE_WIDTH_M * smooth_step(s_m, change.s_m, change.over_m)
         lane = change.to_lane
     return offset
-
-
-def _straight_until(layout: RoadLayout, s_m: float) -> bool:
-    for piece in layout.pieces:
-        if s_m <= 0.0:
-            return True
-        if not isinstance(piece, Straight):
-            return False
-        s_m -= piece.length_m
-    return True
 
 
 def _speed_profile(route: Path, limit_mps: float) -> Float64:

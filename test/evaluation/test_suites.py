@@ -14,33 +14,36 @@ from raw2drive_ros.evaluation.suites import (
     is_fair,
     load_suite,
 )
+from raw2drive_ros.simulation.weather import WEATHER_NAMES
 
 
 def test_b2d220_is_44_types_with_five_routes_each() -> None:
     suite = load_suite('b2d220')
     assert len(suite.routes) == len(set(suite.routes)) == 220
-    assert {kind for kind, _ in suite.routes} == set(benchmark_types())
-    assert all(seed < VALIDATION_SEED_START for _, seed in suite.routes)
+    assert {route.type for route in suite.routes} == set(benchmark_types())
+    assert all(route.seed < VALIDATION_SEED_START for route in suite.routes)
+    assert {route.weather for route in suite.routes} == set(WEATHER_NAMES)
 
 
 def test_dev10_is_a_part_of_b2d220() -> None:
     dev10 = load_suite('dev10').routes
-    assert [kind for kind, _ in dev10] == list(DEV10)
-    assert set(dev10) <= set(load_suite('b2d220').routes)
+    assert [route.type for route in dev10] == list(DEV10)
+    of_b2d220 = {(route.type, route.seed) for route in load_suite('b2d220').routes}
+    assert {(route.type, route.seed) for route in dev10} <= of_b2d220
 
 
 def test_training_validation_and_evaluation_share_no_route() -> None:
     train, validation = load_suite('train'), load_suite('validation')
     assert len(train.routes) >= 1000
-    assert all(seed >= TRAIN_SEED_START for _, seed in train.routes)
-    assert all(VALIDATION_SEED_START <= seed < TRAIN_SEED_START for _, seed in validation.routes)
+    assert all(route.seed >= TRAIN_SEED_START for route in train.routes)
+    assert all(VALIDATION_SEED_START <= route.seed < TRAIN_SEED_START for route in validation.routes)
 
 
 def test_a_shipped_route_is_drawn_again_as_it_stands() -> None:
     plan = SuitePlan(('VanillaNonSignalizedTurn', 'HardBreakRoute'), 5, 0)
     routes, _ = draw_suite(plan)
-    shipped = load_suite('b2d220').routes
-    assert {(kind, seed) for kind, seeds in routes.items() for seed in seeds} <= set(shipped)
+    shipped = {(route.type, route.seed) for route in load_suite('b2d220').routes}
+    assert {(kind, int(place.split('/')[0])) for kind, places in routes.items() for place in places} <= shipped
 
 
 def test_a_scene_whose_actors_crash_is_unfair(monkeypatch) -> None:

@@ -11,15 +11,18 @@ from pathlib import Path
 import pytest
 
 from raw2drive_ros import topics
-from raw2drive_ros.cli.demo import GraphJob, drive_graph
 from raw2drive_ros.cli.graph import DomainBusyError, GraphError, reserve_domain, running_graph
+from raw2drive_ros.cli.graph_drive import GraphJob, drive_graph, evaluate_graph
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
+from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate
 from raw2drive_ros.evaluation.verify import recorded_proposals, verify_bag
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag, read_ticks
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+from raw2drive_ros.simulation.route_id import RouteId
 
+ROUTES = (RouteId('LaneFollowing', 4), RouteId('VanillaSignalizedTurnEncounterRedLight', 1, 'HardRainNight'))
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -27,38 +30,49 @@ ROOT = Path(__file__).resolve().parents[2]
 def driven(bundle, tmp_path_factory):
     """Two short routes through the graph in lock-step."""
     out = tmp_path_factory.mktemp('graph')
-    job = GraphJob(out, 'LaneFollowing/4,VanillaSignalizedTurnEncounterRedLight/1')
     with reserve_domain(None) as domain:
-        return out, drive_graph(job, bundle, domain)
+        return out, *drive_graph(GraphJob(out, ROUTES, bundle), domain)
 
 
 def test_graph_and_in_process_evaluation_give_the_same_commands_bit_for_bit(driven, bundle) -> None:
-    out, result = driven
+    out, driven_rows, _ = driven
     proposals = list(recorded_proposals(out / 'bag').values())
     driver = make_driver('raw', bundle)
     env = DrivingEnv(SimulationConfig(end_on_infraction=False))
     expected, rows = [], []
-    for scenario, seed in (('LaneFollowing', 4), ('VanillaSignalizedTurnEncounterRedLight', 1)):
-        drive = drive_route(env, driver, scenario, seed)
+    for route in ROUTES:
+        drive = drive_route(env, driver, route)
         # The graph decides on the last frame of an episode too; nobody drives by that decision.
         expected.append(drive.controls)
         rows.append(drive.result.to_json())
     first = len(expected[0])
     assert proposals[:first] == expected[0]
     assert proposals[first + 1 : first + 1 + len(expected[1])] == expected[1]
-    assert result['routes'] == rows
+    assert driven_rows == rows
+
+
+def test_rule_driver_as_co_driver_scores_as_it_does_in_process() -> None:
+    routes = [RouteId('HardBreakRoute', 0), RouteId('NonSignalizedJunctionLeftTurn', 1, repetition=1)]
+    seen = []
+    graph = evaluate_graph(
+        DriverSpec('rule'), 'x', '1', routes, Conditions(), None, lambda done, row: seen.append((done, row.id))
+    )
+    alone = evaluate(DriverSpec('rule'), 'x', '1', routes)
+    assert graph['routes'] == alone['routes']
+    assert graph['timing']['messages_lost'] == graph['timing']['commands_missed'] == 0
+    assert seen == [(1, str(routes[0])), (2, str(routes[1]))]
 
 
 def test_nothing_is_lost_and_figures_are_there(driven) -> None:
-    _, result = driven
-    assert result['timing']['messages_lost'] == 0
-    assert result['timing']['commands_missed'] == 0
-    assert result['timing']['planner_ms']['p50'] > 0
-    assert result['timing']['ticks_per_s'] > 0
+    _, _, timing = driven
+    assert timing['messages_lost'] == 0
+    assert timing['commands_missed'] == 0
+    assert timing['planner_ms']['p50'] > 0
+    assert timing['ticks_per_s'] > 0
 
 
 def test_the_bag_is_whole_and_replays_to_the_same_decisions(driven, bundle) -> None:
-    out, _ = driven
+    out, *_ = driven
     info = bag_info(out / 'bag')
     with open_bag(out / 'bag') as reader:
         ticks = [tick.stamp_ns for tick in read_ticks(reader, out / 'bag', cameras=True)]
@@ -70,10 +84,10 @@ def test_the_bag_is_whole_and_replays_to_the_same_decisions(driven, bundle) -> N
 
 
 def test_compressed_images_drive_are_recorded_and_replay_to_the_same_decisions(bundle, tmp_path) -> None:
-    job = GraphJob(tmp_path, 'LaneFollowing/4', max_ticks=15, image_transport='compressed')
+    job = GraphJob(tmp_path, ROUTES[:1], bundle, max_ticks=15, image_transport='compressed')
     with reserve_domain(None) as domain:
-        result = drive_graph(job, bundle, domain)
-    assert result['timing']['messages_lost'] == 0
+        _, timing = drive_graph(job, domain)
+    assert timing['messages_lost'] == 0
     found = {row['topic'] for row in bag_info(tmp_path / 'bag')['topics']}
     assert topics.compressed_topic('back') in found
     assert topics.image_topic('back') not in found

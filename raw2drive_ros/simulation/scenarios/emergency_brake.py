@@ -27,8 +27,7 @@ def hard_brake(rng: Rng) -> Scene:
         s_m=float(rng.uniform(22, 30)),
         speed_mps=speed,
         scripts=(
-            Script(ego_at_s_m=trigger, acceleration_mps2=-float(rng.uniform(6, 8))),
-            Script(ego_at_s_m=trigger, acceleration_mps2=2.0, until_speed_mps=-1.0, delay_s=float(rng.uniform(6, 10))),
+            Script(ego_at_s_m=trigger, acceleration_mps2=-float(rng.uniform(6, 8)), lasts_s=float(rng.uniform(6, 10))),
         ),
         pacing=Pacing(float(rng.uniform(11, 15)), trigger),
     )

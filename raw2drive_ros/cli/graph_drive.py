@@ -1,0 +1,173 @@
+"""Routes through the real ROS graph: every node its own process, lock-step or real time; the same scores."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from raw2drive_ros.cli.graph import Graph
+    from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec
+    from raw2drive_ros.evaluation.metrics import RouteResult
+    from raw2drive_ros.simulation.route_id import RouteId
+
+OnRow = Callable[[dict[str, Any]], None]
+OnProgress = Callable[[float, str], None]
+POLL_S = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class GraphJob:
+    """out: folder for everything. max_ticks: cut each route, 0 = never. bundle: of the planner; without one, the
+    bridge's co-driver `co_driver` (of stage-1 run `run`) drives. record: into `out`/bag."""
+
+    out: Path
+    routes: tuple[RouteId, ...]
+    bundle: Path | None = None
+    co_driver: str = ''
+    run: Path | None = None
+    real_time: bool = False
+    image_size: tuple[int, int] = (96, 160)
+    max_ticks: int = 0
+    image_transport: str = 'raw'
+    record: bool = True
+    quirks: bool = False
+
+
+def drive_graph(
+    job: GraphJob,
+    domain: int,
+    on_progress: OnProgress = lambda done, note: None,
+    on_row: OnRow = lambda row: None,
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Start the nodes, wait for the bridge to finish, end them: (rows, timing).
+
+    on_progress: percent of all routes, and a note. on_row: each row as soon as its route is driven.
+    Raises GraphError when any process dies.
+    """
+    from raw2drive_ros.cli.graph import running_graph
+
+    out = job.out
+    with running_graph(out / 'logs', domain) as graph:
+        _start(graph, job)
+        _wait(graph, out, len(job.routes), on_progress, on_row)
+        # The planner and the recorder first write their figures, then the rest may go.
+        graph.end(order=('planner', 'recorder'))
+    driven = json.loads((out / 'bridge.json').read_text())
+    timing: dict[str, Any] = driven['timing']
+    if job.bundle is not None:
+        planned = json.loads((out / 'planner.json').read_text())
+        timing['planner_ms'] = planned['planner_ms']
+        timing['messages_lost'] += planned['messages_lost']
+    if job.record:
+        timing['messages_lost'] += json.loads((out / 'recorder.json').read_text())['messages_lost']
+    return driven['routes'], timing
+
+
+def _start(graph: Graph, job: GraphJob) -> None:
+    out, routes = job.out, ','.join(map(str, job.routes))
+    if job.record:
+        facts = {'driver': job.co_driver or 'raw', 'bundle': job.bundle.name if job.bundle else '', 'routes': routes}
+        recorder = {'bag': str(out / 'bag'), 'provenance': json.dumps(facts), 'stats_file': str(out / 'recorder.json')}
+        graph.start('recorder', recorder)
+    graph.start('safety_gate', {'clock': 'steady' if job.real_time else 'ros'})
+    if job.bundle is not None:
+        planner = {'bundle': str(job.bundle.resolve()), 'stats_file': str(out / 'planner.json')}
+        graph.start('planner', planner | {'image_transport': job.image_transport})
+    bridge = {
+        'episodes': routes,
+        'co_driver': job.co_driver,
+        'co_driver_run': str(job.run.resolve()) if job.run else '',
+        'quirks': job.quirks,
+        'lock_step': not job.real_time,
+        'image_height': job.image_size[0],
+        'image_width': job.image_size[1],
+        'image_transport': job.image_transport,
+        'bev': job.record or job.co_driver == 'privileged',
+        'max_ticks': job.max_ticks,
+        'wait_for_image_subscribers': (job.bundle is not None) + job.record if job.bundle else 1,
+        'result_file': str(out / 'bridge.json'),
+        'rows_file': str(out / 'rows.jsonl'),
+        'progress_file': str(out / 'progress.jsonl'),
+    }
+    graph.start('bridge', bridge, sim_time=False)
+
+
+def _wait(graph: Graph, out: Path, count: int, on_progress: OnProgress, on_row: OnRow) -> None:
+    """Until the bridge has finished. Raises GraphError when any process dies."""
+    progress, rows = _Tail(out / 'progress.jsonl'), _Tail(out / 'rows.jsonl')
+    running = True
+    while running:
+        running = not graph.ended('bridge')
+        graph.check(may_end=('bridge',))
+        for row in rows.new():
+            on_row(row)
+        for state in progress.new()[-1:]:
+            done = state['index'] + (1.0 if state['done'] else state['completion'] / 100.0)
+            on_progress(100.0 * done / count, f'{state["episode"]} {state["ticks_per_s"]} ticks/s')
+        if running:
+            time.sleep(POLL_S)
+    on_progress(100.0, '')
+
+
+class _Tail:
+    """JSON lines that another process appends."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.read = path, 0
+
+    def new(self) -> list[dict[str, Any]]:
+        """Whole lines since the last call."""
+        if not self.path.exists():
+            return []
+        with self.path.open('rb') as file:
+            file.seek(self.read)
+            data = file.read()
+        whole = data[: data.rfind(b'\n') + 1]
+        self.read += len(whole)
+        return [json.loads(line) for line in whole.splitlines()]
+
+
+def evaluate_graph(
+    spec: DriverSpec,
+    suite: str,
+    version: str,
+    routes: Sequence[RouteId],
+    conditions: Conditions,
+    lines: Path | None,
+    on_route: Callable[[int, RouteResult], None],
+) -> dict[str, Any]:
+    """`evaluate`, but through the graph: the raw driver in the planner node, others as the bridge's co-driver."""
+    from raw2drive_ros.cli.graph import reserve_domain
+    from raw2drive_ros.evaluation.evaluate import RowsFile, header_of, summarise, timing_of
+    from raw2drive_ros.evaluation.metrics import RouteResult
+
+    file = RowsFile(lines, header_of(spec.identity(), suite, version, routes, quirks=conditions.quirks))
+    left = tuple(route for route in routes if route not in file.rows)
+    timing = timing_of([])
+
+    def on_row(row: dict[str, Any]) -> None:
+        result = RouteResult(**row)
+        file.add(result)
+        on_route(len(file.rows), result)
+
+    if left:
+        raw = spec.name == 'raw'
+        with tempfile.TemporaryDirectory(prefix='raw2drive_') as folder, reserve_domain(None) as domain:
+            job = GraphJob(
+                Path(folder),
+                left,
+                spec.bundle if raw else None,
+                '' if raw else spec.name,
+                None if raw else spec.run,
+                image_size=conditions.image_size,
+                record=False,
+                quirks=conditions.quirks,
+            )
+            timing = drive_graph(job, domain, on_row=on_row)[1]
+    return summarise(spec.name, suite, version, routes, list(file.rows.values()), timing)

@@ -1,0 +1,65 @@
+"""Comfort of a drive: the share of 2 s segments that keep six limits (Bench2Drive's, spec 4.5).
+
+Bench2Drive's tool has quirks that lower every score; `quirks=True` reproduces them: derivatives with a step of 0.1 s
+on 20 Hz data, "yaw acceleration" that is the smoothed yaw rate, and yaw rates in deg/s held against limits in rad/s.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from raw2drive_ros.contract import Float64
+
+RATE_HZ = 20
+SEGMENT = 20
+WINDOW, ORDER = 7, 2
+QUIRK_STEP_S = 0.1
+LONGITUDINAL_MPS2 = (-4.05, 2.40)
+LATERAL_MPS2 = 4.89
+JERK_MPS3 = 8.37
+LONGITUDINAL_JERK_MPS3 = 4.13
+YAW_ACCELERATION_RADPS2 = 1.93
+YAW_RATE_RADPS = 0.95
+
+
+@cache
+def savitzky_golay(derivative: int) -> Float64:
+    """(SEGMENT, SEGMENT) matrix that smooths a segment, or differentiates it once per sample: at each sample, a
+    parabola fitted to the 7 samples around it (to the first or last 7 at the ends)."""
+    matrix = np.zeros((SEGMENT, SEGMENT))
+    for i in range(SEGMENT):
+        first = min(max(i - WINDOW // 2, 0), SEGMENT - WINDOW)
+        offsets = np.arange(first, first + WINDOW) - i
+        fit = np.linalg.pinv(np.vander(offsets.astype(float), ORDER + 1, increasing=True))
+        matrix[i, first : first + WINDOW] = fit[derivative] * math.factorial(derivative)
+    return matrix
+
+
+def comfort_percent(motion: Float64, *, quirks: bool = False) -> float | None:
+    """Percent of whole segments inside all limits; None (undefined) for drives shorter than one.
+
+    motion: (N, 3) longitudinal and lateral acceleration (m/s2, in the vehicle's axes) and yaw rate (rad/s) at 20 Hz.
+    """
+    count = len(motion) // SEGMENT
+    if count == 0:
+        return None
+    segments = np.asarray(motion[: count * SEGMENT]).reshape(count, SEGMENT, 3).transpose(2, 0, 1)
+    smooth, slope = savitzky_golay(0).T, savitzky_golay(1).T / (QUIRK_STEP_S if quirks else 1.0 / RATE_HZ)
+    longitudinal, lateral = segments[0] @ smooth, segments[1] @ smooth
+    rate = np.degrees(segments[2]) if quirks else segments[2]
+    yaw_rate = rate @ smooth
+    yaw_acceleration = yaw_rate if quirks else rate @ slope
+    jerk = np.hypot(segments[0], segments[1]) @ slope
+    inside = (
+        (longitudinal > LONGITUDINAL_MPS2[0]).all(1)
+        & (longitudinal < LONGITUDINAL_MPS2[1]).all(1)
+        & (np.abs(lateral) < LATERAL_MPS2).all(1)
+        & (np.abs(jerk) < JERK_MPS3).all(1)
+        & (np.abs(segments[0] @ slope) < LONGITUDINAL_JERK_MPS3).all(1)
+        & (np.abs(yaw_acceleration) < YAW_ACCELERATION_RADPS2).all(1)
+        & (np.abs(yaw_rate) < YAW_RATE_RADPS).all(1)
+    )
+    return 100.0 * float(inside.mean())

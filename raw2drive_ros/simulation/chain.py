@@ -1,0 +1,128 @@
+"""Several scenes one after another on one road: each one's traffic comes to life when the ego gets there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from raw2drive_ros.simulation.layout import Junction, RoadLayout
+from raw2drive_ros.simulation.roads import LayoutError, build_road
+from raw2drive_ros.simulation.scenario import ActorSpec, Rng, Scene, TrafficSpec
+from raw2drive_ros.simulation.scripts import Script
+
+TRIES = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A scene and the lengths of its own road, along the ego's lane and along the oncoming one."""
+
+    scene: Scene
+    forward_m: float
+    backward_m: float
+
+
+def is_chainable(scene: Scene) -> bool:
+    """One lane each way, and a route that begins in its lane at the road's start."""
+    layout, route = scene.layout, scene.route
+    plain = route.lane == 0 and not route.changes and not route.from_ramp and not route.to_exit
+    return plain and layout.forward_lanes == layout.backward_lanes == 1
+
+
+def draw_chain(rng: Rng, draws: Sequence[Callable[[Rng], Scene]], length_m: float) -> Scene:
+    """Scenes drawn by `draws` in random order, no kind twice in a row, until the road is `length_m` long.
+
+    Raises LayoutError when the road cannot be laid without crossing itself.
+    """
+    links: list[Link] = []
+    last = -1
+    while sum(link.forward_m for link in links) < length_m:
+        for _ in range(TRIES):
+            index = int(rng.integers(len(draws)))
+            scene = draws[index](rng)
+            if index == last:
+                continue
+            try:
+                build_road(_layout([*(link.scene for link in links), scene]))
+            except LayoutError:
+                continue
+            road = build_road(scene.layout)
+            links.append(Link(scene, road.forward_path().length_m, road.backward_path().length_m))
+            last = index
+            break
+        else:
+            raise LayoutError(f'no room for another scene after {len(links)}')
+    return joined(links)
+
+
+def joined(links: Sequence[Link]) -> Scene:
+    """One scene of all: stations, junction numbers and triggers are moved to where each scene begins."""
+    found = Scene(_layout([link.scene for link in links]), replace(links[0].scene.route, detour=()))
+    begin, after, junctions = 0.0, sum(link.backward_m for link in links), 0
+    zebras: list[float] = []
+    for link in links:
+        after -= link.backward_m
+        scene = link.scene
+        move = _Move(begin, after, junctions, link)
+        found = replace(
+            found,
+            route=replace(
+                found.route,
+                detour=found.route.detour + tuple(replace(c, s_m=c.s_m + begin) for c in scene.route.detour),
+            ),
+            actors=found.actors + tuple(move.actor(spec) for spec in scene.actors),
+            lights=found.lights + tuple(replace(x, junction=x.junction + junctions) for x in scene.lights),
+            stop_signs=found.stop_signs + tuple(replace(x, junction=x.junction + junctions) for x in scene.stop_signs),
+            disturbances=found.disturbances + tuple(replace(x, s_m=x.s_m + begin) for x in scene.disturbances),
+        )
+        zebras += [s_m + begin for s_m in scene.layout.zebras_m]
+        junctions += sum(isinstance(piece, Junction) for piece in scene.layout.pieces)
+        begin += link.forward_m
+    return replace(found, layout=replace(found.layout, zebras_m=tuple(zebras)))
+
+
+def _layout(scenes: Sequence[Scene]) -> RoadLayout:
+    """The road alone; zebra crossings need the lengths that `joined` knows."""
+    layouts = [scene.layout for scene in scenes]
+    return RoadLayout(
+        tuple(piece for layout in layouts for piece in layout.pieces),
+        1,
+        1,
+        speed_limit_mps=min(layout.speed_limit_mps for layout in layouts),
+        shoulder_m=max(layout.shoulder_m for layout in layouts),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Move:
+    begin_m: float
+    after_m: float
+    junctions: int
+    link: Link
+
+    def actor(self, spec: ActorSpec) -> ActorSpec:
+        if not isinstance(spec, TrafficSpec):
+            return replace(spec, s_m=spec.s_m + self.begin_m)
+        # Paths over a junction begin at the end of an arm, wherever the junction is.
+        shift, ends = 0.0, spec.ends_at_s_m
+        if spec.on == 'forward':
+            shift, ends = self.begin_m, self.begin_m + self.link.forward_m
+        elif spec.on == 'backward':
+            shift, ends = self.after_m, self.after_m + self.link.backward_m
+        return replace(
+            spec,
+            s_m=spec.s_m + shift,
+            scripts=tuple(self._script(script) for script in spec.scripts),
+            junction=spec.junction + self.junctions,
+            pacing=spec.pacing and replace(spec.pacing, until_s_m=spec.pacing.until_s_m + self.begin_m),
+            waits_for_s_m=self.begin_m + self.link.scene.route.start_s_m if self.begin_m else 0.0,
+            ends_at_s_m=ends,
+        )
+
+    def _script(self, script: Script) -> Script:
+        at, due = script.ego_at_s_m, script.ego_due
+        return replace(
+            script,
+            ego_at_s_m=None if at is None else at + self.begin_m,
+            ego_due=None if due is None else (due[0] + self.begin_m, due[1]),
+        )

@@ -1,0 +1,27 @@
+"""Long routes: two kilometres and more with one event after another, as Leaderboard 2.0's validation routes have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from raw2drive_ros.simulation.chain import draw_chain, is_chainable
+from raw2drive_ros.simulation.scenario import Rng, Scene, load_scenarios, no_extra_rule, scenario
+
+LENGTH_M = 2000.0
+
+
+def chainable_draws() -> list[Callable[[Rng], Scene]]:
+    """The benchmark types that fit onto a road with one lane each way and have no rule of their own, by name."""
+    return [
+        kind.draw
+        for kind in load_scenarios().values()
+        if kind.abilities and kind.rule is no_extra_rule and is_chainable(kind.draw(np.random.default_rng(0)))
+    ]
+
+
+@scenario('LongRoute')
+def long_route(rng: Rng) -> Scene:
+    """Events of all abilities one after another on a road of two kilometres."""
+    return draw_chain(rng, chainable_draws(), LENGTH_M)
