@@ -1,4 +1,4 @@
-"""Simulator steps per second on one core: cameras and BEV on or off, by number of vehicles; and a profile.
+"""What a simulator step costs on one core: cameras and BEV on or off, by number of vehicles, cameras, by weather.
 
 python -m benchmarks.simulator [--profile]
 """
@@ -9,39 +9,80 @@ import argparse
 import cProfile
 import pstats
 import time
+from collections.abc import Sequence
 
 import cv2
+import numpy as np
 
 from raw2drive_ros.contract import Control
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.layout import RoadLayout, Straight
+from raw2drive_ros.simulation.renderer import CameraRenderer
 from raw2drive_ros.simulation.scenario import REGISTRY, RouteSpec, Scenario, Scene, TrafficSpec
 
 STEPS, SAMPLES = 150, 5
+SPARSE_M, DENSE_M = 9.0, 3.0
+CASES = {
+    'six cameras 96x160 + BEV': SimulationConfig(),
+    'six cameras 224x400 + BEV': SimulationConfig((224, 400)),
+    'BEV only': SimulationConfig(cameras=False),
+    'neither': SimulationConfig(cameras=False, bev=False),
+}
+CURVES = {
+    'six cameras 96x160': SimulationConfig(bev=False),
+    'BEV': SimulationConfig(cameras=False),
+    'neither': SimulationConfig(cameras=False, bev=False),
+}
+TABLE_COUNTS, CURVE_COUNTS, CAMERA_VEHICLES = (0, 5, 10, 20), (0, 1, 2, 5, 10, 20, 40), 10
+WEATHERS = ('ClearNoon', 'HardRainNight', 'FogNoon')
 
 
-def traffic(count: int) -> None:
-    """Register a straight three-lane road with `count` vehicles around the ego."""
+def traffic(count: int, spacing_m: float = SPARSE_M) -> str:
+    """Register a straight three-lane road with `count` vehicles ahead of the ego, `spacing_m` from one to the one
+    in the next lane; returns its name."""
 
     def draw(rng) -> Scene:
-        cars = tuple(TrafficSpec('forward', 20.0 + 9.0 * i, 6.0, lane=i % 3) for i in range(count))
+        cars = tuple(TrafficSpec('forward', 20.0 + spacing_m * i, 6.0, lane=i % 3) for i in range(count))
         return Scene(RoadLayout((Straight(400),), 3, 0, 12.0), RouteSpec(1, start_speed_mps=5.0), cars)
 
-    REGISTRY[f'Benchmark{count}'] = Scenario(f'Benchmark{count}', (), draw)
+    name = f'Benchmark{count}x{spacing_m:.0f}m'
+    REGISTRY[name] = Scenario(name, (), draw)
+    return name
 
 
-def steps_per_second(config: SimulationConfig, scenario: str) -> float:
-    env = DrivingEnv(config)
-    rates = []
-    for sample in range(SAMPLES):
-        env.reset(seed=sample, options={'scenario': scenario})
+def ms_per_step(env: DrivingEnv, scenario: str, weather: str = 'ClearNoon', samples: int = SAMPLES) -> float:
+    """Least CPU time of a step over `samples` episodes."""
+    costs = []
+    for sample in range(samples):
+        env.reset(seed=sample, options={'scenario': scenario, 'weather': weather})
         started = time.process_time()
         steps = 0
         while steps < STEPS and not env.done:
             env.step(Control(0.12))
             steps += 1
-        rates.append(steps / (time.process_time() - started))
-    return max(rates)
+        costs.append(1e3 * (time.process_time() - started) / steps)
+    return min(costs)
+
+
+def with_cameras(count: int) -> DrivingEnv:
+    env = DrivingEnv(SimulationConfig(cameras=count > 0, bev=False))
+    if count:
+        env.rig = env.rig[:count]
+        env.renderer = CameraRenderer(env.rig, env.simulation.supersampling)
+    return env
+
+
+def table(title: str, columns: Sequence[object], rows: dict[str, list[str]]) -> None:
+    print(f'\n| {title} | ' + ' | '.join(str(column) for column in columns) + ' |')
+    print('|---' * (len(columns) + 1) + '|')
+    for name, cells in rows.items():
+        print(f'| {name} | ' + ' | '.join(cells) + ' |')
+
+
+def with_slope(counts: Sequence[int], costs: list[float]) -> list[str]:
+    """Cells of a row: the costs, and what one more adds, by least squares."""
+    slope = float(np.polyfit(counts, costs, 1)[0])
+    return [f'{cost:.2f}' for cost in costs] + [f'{slope:.3f}']
 
 
 def main() -> None:
@@ -49,23 +90,32 @@ def main() -> None:
     parser.add_argument('--profile', action='store_true')
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    cases = {
-        'six cameras 96x160 + BEV': SimulationConfig(),
-        'six cameras 224x400 + BEV': SimulationConfig((224, 400)),
-        'BEV only': SimulationConfig(cameras=False),
-        'neither': SimulationConfig(cameras=False, bev=False),
-    }
-    counts = (0, 5, 10, 20)
-    for count in counts:
-        traffic(count)
-    print('| steps/s (CPU time, best of 5) | ' + ' | '.join(f'{c} vehicles' for c in counts) + ' |')
-    print('|---' * (len(counts) + 1) + '|')
-    for name, config in cases.items():
-        rates = [steps_per_second(config, f'Benchmark{count}') for count in counts]
-        print(f'| {name} | ' + ' | '.join(f'{rate:.0f}' for rate in rates) + ' |')
+    rows = {}
+    for name, config in CASES.items():
+        rates = [1e3 / ms_per_step(DrivingEnv(config), traffic(count)) for count in TABLE_COUNTS]
+        rows[name] = [f'{rate:.0f}' for rate in rates]
+    table(f'steps/s (CPU time, best of {SAMPLES})', [f'{count} vehicles' for count in TABLE_COUNTS], rows)
+
+    rows = {}
+    for name, config in CURVES.items():
+        env = DrivingEnv(config)
+        rows[name] = with_slope(CURVE_COUNTS, [ms_per_step(env, traffic(c, DENSE_M)) for c in CURVE_COUNTS])
+    table('ms per step, by vehicles', [*CURVE_COUNTS, 'per vehicle'], rows)
+
+    busy = traffic(CAMERA_VEHICLES)
+    counts = range(len(DrivingEnv().rig) + 1)
+    costs = [ms_per_step(with_cameras(count), busy) for count in counts]
+    rows = {f'{CAMERA_VEHICLES} vehicles': with_slope(counts, costs)}
+    table('ms per step, by cameras of 96x160', [*counts, 'per camera'], rows)
+
+    env = DrivingEnv(SimulationConfig())
+    costs = [ms_per_step(env, busy, weather) for weather in WEATHERS]
+    rows = {f'six cameras 96x160 + BEV, {CAMERA_VEHICLES} vehicles': [f'{cost:.2f}' for cost in costs]}
+    table('ms per step, by weather', WEATHERS, rows)
+
     if options.profile:
         profile = cProfile.Profile()
-        profile.runcall(steps_per_second, SimulationConfig(), 'Benchmark10')
+        profile.runcall(ms_per_step, DrivingEnv(), busy)
         pstats.Stats(profile).sort_stats('tottime').print_stats(15)
 
 

@@ -23,7 +23,7 @@ from raw2drive_ros.bev_channels import (
     dynamic_channel,
 )
 from raw2drive_ros.contract import Float64
-from raw2drive_ros.simulation.actors import Actor, corners_m
+from raw2drive_ros.simulation.actors import corners_m
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import World
 
@@ -32,7 +32,6 @@ ROUTE_STROKE_M = 2.0
 LINE_STROKE_M = 0.6
 ROUTE_AHEAD_M = 60.0
 MIN_HALF_EXTENT_M = 0.8
-NEAR_M = 60.0
 SHIFT = 4
 
 # Which class a kind of actor is drawn as.
@@ -49,7 +48,13 @@ CLASS_OF = {
     'barrier': 'obstacle',
     'cone': 'obstacle',
 }
-MAP_BITS = {'road': 0, 'route_lane': 1, 'centre_line': 2, 'lane_line': 3, 'crosswalk_or_stop_line': 4}
+CLASS_CHANNEL = {kind: dynamic_channel(name, 0) for kind, name in CLASS_OF.items()}
+# Bit planes of the map image are numbered as the static channels.
+MAP_LAYERS = ('road', 'route_lane', 'centre_line', 'lane_line', 'crosswalk_or_stop_line')
+STATIC_BITS = np.arange(len(STATIC_CHANNELS), dtype=np.uint8)[:, None, None]
+ROUTE, EGO = STATIC_CHANNELS.index('route'), STATIC_CHANNELS.index('ego')
+# Corners of a box in half lengths and half widths, counter-clockwise from front left.
+BOX = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
 Mask = NDArray[np.uint8]
 
 
@@ -68,7 +73,7 @@ class BevRenderer:
         return np.round((points_m - self.origin) * MAP_PIXELS_PER_M * 2**SHIFT).astype(np.int32)
 
     def _draw_map(self) -> None:
-        planes = {name: np.zeros_like(self.map) for name in MAP_BITS}
+        planes = {name: np.zeros_like(self.map) for name in MAP_LAYERS}
         for polygon in self.world.road.surfaces_m:
             cv2.fillPoly(planes['road'], [self._to_map(polygon)], 1, shift=SHIFT)
         thickness = max(1, round(LINE_STROKE_M * MAP_PIXELS_PER_M))
@@ -88,29 +93,28 @@ class BevRenderer:
         route = self._to_map(self.world.route.points_m)
         wide = round(LANE_WIDTH_M * MAP_PIXELS_PER_M)
         cv2.polylines(planes['route_lane'], [route], False, 1, wide, shift=SHIFT)
-        for name, bit in MAP_BITS.items():
-            self.map |= planes[name] << bit
+        for name in MAP_LAYERS:
+            self.map |= planes[name] << STATIC_CHANNELS.index(name)
 
     def render(self) -> NDArray[np.bool_]:
         """(43, 128, 128) bool."""
         world = self.world
         masks = np.zeros((CHANNEL_COUNT, SIZE_PX, SIZE_PX), np.uint8)
         x, y, yaw = world.ego_history[0]
-        static = self._warp_map(x, y, yaw)
-        for name, bit in MAP_BITS.items():
-            masks[STATIC_CHANNELS.index(name)] = (static >> bit) & 1
+        static = masks[: len(STATIC_CHANNELS)]
+        np.right_shift(self._warp_map(x, y, yaw), STATIC_BITS, out=static)
+        np.bitwise_and(static, 1, out=static)
         to_pixels = _pixels_from_map(x, y, yaw)
         ahead = world.route.window(max(0.0, world.route_s_m - 2.0), ROUTE_AHEAD_M)
         if len(ahead) > 1:
             stroke = round(ROUTE_STROKE_M * PIXELS_PER_M)
-            cv2.polylines(
-                masks[STATIC_CHANNELS.index('route')], [_fixed(ahead, to_pixels)], False, 1, stroke, shift=SHIFT
-            )
+            cv2.polylines(masks[ROUTE], [_fixed(ahead, to_pixels)], False, 1, stroke, shift=SHIFT)
         ego = corners_m(x, y, yaw, world.ego.LENGTH, world.ego.WIDTH)
-        cv2.fillConvexPoly(masks[STATIC_CHANNELS.index('ego')], _fixed(ego, to_pixels), 1, shift=SHIFT)
-        for moment, age in enumerate(HISTORY_TICKS):
-            self._draw_actors(masks, moment, min(age, len(world.history) - 1), (x, y), to_pixels)
-            self._draw_signals(masks, moment, min(age, len(world.light_history) - 1), to_pixels)
+        cv2.fillConvexPoly(masks[EGO], _fixed(ego, to_pixels), 1, shift=SHIFT)
+        self._draw_actors(masks, to_pixels)
+        if world.lights or world.stop_signs:
+            for moment, age in enumerate(HISTORY_TICKS):
+                self._draw_signals(masks, moment, min(age, len(world.light_history) - 1), to_pixels)
         return masks.view(np.bool_)
 
     def _warp_map(self, x: float, y: float, yaw: float) -> Mask:
@@ -132,21 +136,34 @@ class BevRenderer:
         )
         return warped
 
-    def _draw_actors(
-        self,
-        masks: Mask,
-        moment: int,
-        age: int,
-        ego_m: tuple[float, float],
-        to_pixels: Float64,
-    ) -> None:
-        actors, poses = self.world.history[age]
-        for actor, (x, y, yaw) in zip(actors, poses, strict=True):
-            if abs(x - ego_m[0]) > NEAR_M or abs(y - ego_m[1]) > NEAR_M:
+    def _draw_actors(self, masks: Mask, to_pixels: Float64) -> None:
+        """The boxes of all moments at once."""
+        world = self.world
+        channels: list[int] = []
+        sizes: list[tuple[float, float]] = []
+        moments = []
+        for moment, age in enumerate(HISTORY_TICKS):
+            actors, poses = world.history[min(age, len(world.history) - 1)]
+            if not actors:
                 continue
-            length, width = _drawn_size(actor)
-            box = _fixed(corners_m(x, y, yaw, length, width), to_pixels)
-            cv2.fillConvexPoly(masks[dynamic_channel(CLASS_OF[actor.kind], moment)], box, 1, shift=SHIFT)
+            moments.append(poses)
+            channels += [CLASS_CHANNEL[actor.kind] + moment for actor in actors]
+            sizes += [(actor.LENGTH, actor.WIDTH) for actor in actors]
+        if not moments:
+            return
+        poses = np.concatenate(moments)
+        half = np.maximum(np.array(sizes) / 2, MIN_HALF_EXTENT_M)
+        cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        corners = BOX * half[:, None]
+        turn = np.stack([cos, sin, -sin, cos], axis=1).reshape(-1, 2, 2)
+        boxes = corners @ turn + poses[:, None, :2]
+        pixels = boxes @ to_pixels[:, :2].T + to_pixels[:, 2]
+        middle = pixels.mean(axis=1)
+        reach = PIXELS_PER_M * half.sum(axis=1)[:, None] + 1.0
+        inside = ((middle > -reach) & (middle < SIZE_PX + reach)).all(axis=1)
+        fixed = _rounded(pixels)
+        for index in np.flatnonzero(inside).tolist():
+            cv2.fillConvexPoly(masks[channels[index]], fixed[index], 1, cv2.LINE_8, SHIFT)
 
     def _draw_signals(self, masks: Mask, moment: int, age: int, to_pixels: Float64) -> None:
         """Lights and stop signs as bars across the ego's lane at their line."""
@@ -164,18 +181,21 @@ class BevRenderer:
         cv2.fillConvexPoly(mask, _fixed(bar, to_pixels), 1, shift=SHIFT)
 
 
-def _drawn_size(actor: Actor) -> tuple[float, float]:
-    return max(actor.LENGTH, 2 * MIN_HALF_EXTENT_M), max(actor.WIDTH, 2 * MIN_HALF_EXTENT_M)
-
-
 def _pixels_from_map(x: float, y: float, yaw: float) -> Float64:
     """(2, 3) affine from `map` metres to (column, row) pixels, in OpenCV's centre-of-pixel convention."""
     cos, sin = math.cos(yaw), math.sin(yaw)
-    linear = PIXELS_PER_M * np.array([[sin, -cos], [-cos, -sin]])
-    offset = np.array([EGO_COLUMN_PX - 0.5, EGO_ROW_PX - 0.5]) - linear @ (x, y)
-    return np.column_stack([linear, offset])
+    a, b = PIXELS_PER_M * sin, PIXELS_PER_M * cos
+    return np.array(
+        [
+            [a, -b, EGO_COLUMN_PX - 0.5 - (a * x - b * y)],
+            [-b, -a, EGO_ROW_PX - 0.5 + (b * x + a * y)],
+        ]
+    )
 
 
 def _fixed(points_m: Float64, affine: Float64) -> NDArray[np.int32]:
-    pixels = points_m @ affine[:, :2].T + affine[:, 2]
-    return np.round(np.clip(pixels, -1000, 1000) * 2**SHIFT).astype(np.int32)
+    return _rounded(points_m @ affine[:, :2].T + affine[:, 2])
+
+
+def _rounded(pixels: Float64) -> NDArray[np.int32]:
+    return np.rint(np.minimum(np.maximum(pixels, -1000.0), 1000.0) * 2**SHIFT).astype(np.int32)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from raw2drive_ros.contract import CameraCalibration, Float64
@@ -41,3 +43,13 @@ def yaw_matrix(yaw_rad: float) -> Float64:
     """(3, 3) rotation about z."""
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def moved(
+    camera: CameraCalibration, turn_rad: tuple[float, float, float], shift_m: tuple[float, float, float]
+) -> CameraCalibration:
+    """The camera turned by a rotation vector about its own centre, and shifted; both in base_link's axes."""
+    base_from_camera = camera.base_from_camera.copy()
+    base_from_camera[:3, :3] = cv2.Rodrigues(np.array(turn_rad))[0] @ base_from_camera[:3, :3]
+    base_from_camera[:3, 3] += shift_m
+    return replace(camera, base_from_camera=base_from_camera)

@@ -31,7 +31,8 @@ from raw2drive_ros.simulation.renderer import CameraRenderer
 from raw2drive_ros.simulation.reward import Outcome, RewardModel
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import Rng, get_scenario, rng_for
-from raw2drive_ros.simulation.weather import CLEAR
+from raw2drive_ros.simulation.variation import NO_VARIATION, Variation, picture_rng
+from raw2drive_ros.simulation.weather import CLEAR, get_weather
 from raw2drive_ros.simulation.world import DECISION_HZ, PHYSICS_HZ, SUBSTEPS, World
 
 TICK_NS = 1_000_000_000 // DECISION_HZ
@@ -44,6 +45,8 @@ class SimulationConfig:
     """image_size: (height, width). supersampling: 1 or 2. imu_noise: standard deviations of
     accelerometer (m/s2) and gyroscope (rad/s). end_on_infraction: training stops at the first red
     light, stop sign or collision (paper); evaluation goes on after signs, as Bench2Drive does.
+    vary: every episode has its own camera, mounting, paint and sun (`variation.Variation`); repetitions of a
+    route have them anyway.
     """
 
     image_size: tuple[int, int] = (96, 160)
@@ -52,6 +55,7 @@ class SimulationConfig:
     supersampling: int = 2
     imu_noise: tuple[float, float] = (0.0, 0.0)
     end_on_infraction: bool = True
+    vary: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,13 +102,13 @@ class DrivingEnv(AbstractEnv):
     ) -> tuple[Tick, dict[str, Any]]:
         """Start scenario `options['scenario']` (default LaneFollowing) with `seed` (default 0).
 
-        options may also name the `weather` and the `repetition`, see `RouteId`.
+        options may also name the `weather` and the `repetition`, see `RouteId`. Raises UnknownWeatherError.
         """
         chosen = options or {}
         name = chosen.get('scenario', 'LaneFollowing')
         seed = 0 if seed is None else int(seed)
-        weather, repetition = chosen.get('weather', CLEAR), int(chosen.get('repetition', 0))
-        self.route_id = RouteId(name, seed, weather, repetition)
+        self.weather, repetition = get_weather(chosen.get('weather', CLEAR)), int(chosen.get('repetition', 0))
+        self.route_id = RouteId(name, seed, self.weather.name, repetition)
         rng = rng_for(name, seed)
         start_rng = rng_for(name, seed, repetition) if repetition else None
         self.world = World(get_scenario(name), rng, start_rng=start_rng)
@@ -115,7 +119,7 @@ class DrivingEnv(AbstractEnv):
         self.criteria.step(self.world)
         self.rewards = RewardModel(self.world)
         if self.simulation.cameras:
-            self.renderer.new_world(self.world)
+            self._new_pictures(self.world)
         self.bev = BevRenderer(self.world) if self.simulation.bev else None
         self.clock_ns += TICK_NS
         self.route = Route(self.clock_ns, self.world.checkpoints_m())
@@ -169,6 +173,13 @@ class DrivingEnv(AbstractEnv):
         }
         tick = self._tick(tuple(imus), tuple(odometries), transition, info)
         return tick, outcome.reward, terminated, truncated, info
+
+    def _new_pictures(self, world: World) -> None:
+        """Weather and variation decide on the images alone, with a generator of their own."""
+        rng = picture_rng(self.route_id)
+        varies = self.simulation.vary or self.route_id.repetition > 0
+        variation = Variation.draw(rng, len(self.rig)) if varies else NO_VARIATION
+        self.renderer.new_world(world, self.weather, variation, rng)
 
     def _ends(self, outcome: Outcome, happened: list[str]) -> tuple[bool, bool]:
         """(terminated, truncated)."""

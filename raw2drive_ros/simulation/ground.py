@@ -1,4 +1,4 @@
-"""The painted ground as an image pyramid, and its projection into all cameras at once."""
+"""The painted ground as an image pyramid, and its projection into all cameras at once, in any light."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from raw2drive_ros.contract import CameraCalibration, Float64
 from raw2drive_ros.simulation.roads import RoadMap
+from raw2drive_ros.simulation.variation import NO_VARIATION, Variation
+from raw2drive_ros.simulation.weather import CLEAR, WEATHERS, Weather
 
 PIXELS_PER_M = 8.0
 LEVELS = 4
@@ -20,36 +22,56 @@ PAINT = {'white': (235, 235, 235), 'yellow': (230, 190, 60), 'stop': (240, 240, 
 LINE_WIDTH_M = {'white': 0.18, 'yellow': 0.18, 'stop': 0.5}
 DASH_M, GAP_M = 3.0, 3.0
 SHIFT = 4
+# What a soaked road loses in brightness, and mirrors of the sky at a grazing angle.
+WET_ASPHALT, WET_SOIL, WET_MIRROR = 0.4, 0.15, 0.45
 
 Rgb = NDArray[np.uint8]
 
 
-def paint_ground(road: RoadMap) -> tuple[list[Rgb], Float64]:
-    """(pyramid of RGB textures, (2,) `map` position of the texture's pixel (0, 0)). Row grows with y."""
+@dataclass(frozen=True, slots=True)
+class PaintedGround:
+    """pyramid: RGBX textures, each half as wide as the one before; rows grow with y (the fourth channel is unused:
+    OpenCV remaps four in half the time of three). origin_m: (2,) `map` position of pixel (0, 0). beyond: RGB of
+    what is around the texture."""
+
+    pyramid: list[Rgb]
+    origin_m: Float64
+    beyond: Float64
+
+
+def paint_ground(
+    road: RoadMap, weather: Weather = WEATHERS[CLEAR], variation: Variation = NO_VARIATION
+) -> PaintedGround:
+    """The ground as it is where the light is brightest: by day everywhere, at night before the head lights."""
     points = np.concatenate(road.sidewalks_m + road.surfaces_m)
     origin = points.min(axis=0) - 6.0
     size = np.ceil((points.max(axis=0) + 6.0 - origin) * PIXELS_PER_M).astype(int)
+    grass, sidewalk, asphalt = ground_colours(weather, variation)
     texture: Rgb = np.empty((int(size[1]), int(size[0]), 3), np.uint8)
-    texture[:] = GRASS
+    texture[:] = np.round(grass)
 
     def pixels(points_m: Float64) -> NDArray[np.int32]:
         return np.round((points_m - origin) * PIXELS_PER_M * 2**SHIFT).astype(np.int32)
 
+    def paint(kind: str) -> list[float]:
+        worn = variation.line_wear * asphalt + (1.0 - variation.line_wear) * np.array(PAINT[kind])
+        return worn.tolist()
+
     for polygon in road.sidewalks_m:
-        cv2.fillPoly(texture, [pixels(polygon)], SIDEWALK, shift=SHIFT)
+        cv2.fillPoly(texture, [pixels(polygon)], sidewalk.tolist(), shift=SHIFT)
     for polygon in road.surfaces_m:
-        cv2.fillPoly(texture, [pixels(polygon)], ASPHALT, shift=SHIFT)
+        cv2.fillPoly(texture, [pixels(polygon)], asphalt.tolist(), shift=SHIFT)
     for marking in road.markings:
         kind = marking.kind.removesuffix('_dashed')
         if kind == 'zebra':
-            cv2.fillPoly(texture, [pixels(marking.points_m)], PAINT[kind], shift=SHIFT)
+            cv2.fillPoly(texture, [pixels(marking.points_m)], paint(kind), shift=SHIFT)
             continue
         width = max(1, round(LINE_WIDTH_M[kind] * PIXELS_PER_M))
         lines = [marking.points_m]
         if marking.kind.endswith('_dashed'):
             lines = _dashes(marking.points_m)
         for line in lines:
-            cv2.polylines(texture, [pixels(line)], False, PAINT[kind], width, cv2.LINE_AA, SHIFT)
+            cv2.polylines(texture, [pixels(line)], False, paint(kind), width, cv2.LINE_AA, SHIFT)
     # A fixed speckle gives the asphalt something to flow; deterministic, and tiled to save time.
     speckle = np.random.default_rng(0).integers(0, 13, (256, 256, 1), dtype=np.uint8)
     rows, columns = texture.shape[:2]
@@ -57,12 +79,32 @@ def paint_ground(road: RoadMap) -> tuple[list[Rgb], Float64]:
         for left in range(0, columns, 256):
             tile = texture[top : top + 256, left : left + 256]
             np.add(tile, speckle[: tile.shape[0], : tile.shape[1]], out=tile)
+    light = brightest(weather)
+    if not variation.is_plain_film or (light != 1.0).any():
+        table = variation.developed(np.arange(256.0)[:, None] * light)
+        texture = cv2.LUT(texture, np.round(table)[:, None].astype(np.uint8))
     pyramid = [texture]
     for _ in range(LEVELS - 1):
         last = pyramid[-1]
         half = (max(1, last.shape[1] // 2), max(1, last.shape[0] // 2))
         pyramid.append(cv2.resize(last, half, interpolation=cv2.INTER_AREA))
-    return pyramid, origin
+    pyramid = [cv2.cvtColor(level, cv2.COLOR_RGB2RGBA) for level in pyramid]
+    return PaintedGround(pyramid, origin, variation.developed(grass * light))
+
+
+def ground_colours(weather: Weather, variation: Variation) -> tuple[Float64, Float64, Float64]:
+    """RGB of grass, sidewalk and asphalt in full light."""
+    soil = 1.0 - WET_SOIL * weather.wet
+    return (
+        np.array(GRASS) * variation.grass * soil,
+        np.array(SIDEWALK) * (variation.sidewalk * soil),
+        np.array(ASPHALT) * (variation.asphalt * (1.0 - WET_ASPHALT * weather.wet)),
+    )
+
+
+def brightest(weather: Weather) -> Float64:
+    """(3,) RGB gain where the light is brightest."""
+    return (weather.light + weather.headlights) * weather.tint()
 
 
 def _dashes(points_m: Float64) -> list[Float64]:
@@ -85,10 +127,13 @@ class GroundProjector:
     """Where each pixel of a rig sees the ground, in the ego frame; fixed for a fixed calibration."""
 
     def __init__(self, cameras: tuple[CameraCalibration, ...], scale: int) -> None:
+        self.cameras = cameras
         self.bands: list[_Band] = []
         maps: dict[int, list[NDArray[np.float32]]] = {level: [] for level in range(LEVELS)}
+        self.first_rows: list[int] = []
         for index, camera in enumerate(cameras):
             ego_xy, footprint, first = _ground_rays(camera, scale)
+            self.first_rows.append(first)
             if first >= len(ego_xy):
                 continue
             wanted = np.clip(np.floor(np.log2(np.maximum(footprint * PIXELS_PER_M, 1.0))), 0, LEVELS - 1)
@@ -101,34 +146,68 @@ class GroundProjector:
                     self.bands.append(_Band(index, start, end, level))
                     maps[level].append(ego_xy[start:end])
         self.maps = {level: np.concatenate(parts) for level, parts in maps.items() if parts}
+        # Written anew for every frame; allocating them each time costs as much as the projection.
+        self._where = {level: np.empty_like(ego_xy) for level, ego_xy in self.maps.items()}
+        self._colours = {level: np.empty((*m.shape[:2], 4), np.uint8) for level, m in self.maps.items()}
+        self._gains: dict[int, Rgb] = {}
+        self._veils: dict[int, Rgb] = {}
 
-    def draw(self, frames: list[Rgb], pyramid: list[Rgb], origin: Float64, pose: tuple[float, float, float]) -> None:
-        """Paint the ground into every frame (modified in place)."""
+    def light(self, weather: Weather, variation: Variation) -> None:
+        """Set per pixel what fog, a wet road and the head lights do to the colours of `paint_ground`."""
+        self._gains, self._veils = {}, {}
+        if np.isinf(weather.fog_m) and not weather.wet and not weather.headlights:
+            return
+        air = variation.developed(np.array(weather.sky_horizon))
+        for level, ego_xy in self.maps.items():
+            reach, height = self._reach_m(level, ego_xy)
+            clear = np.exp(-reach / weather.fog_m)
+            grazing = np.clip(1.0 - height / reach, 0.0, 1.0)
+            mirror = WET_MIRROR * weather.wet * grazing**4
+            lit = (weather.light + weather.beam(ego_xy)) / (weather.light + weather.headlights)
+            gain = lit**variation.gamma * clear * (1.0 - mirror)
+            veil = 1.0 - clear * (1.0 - mirror)
+            self._gains[level] = np.repeat(np.round(255.0 * gain)[..., None], 4, axis=2).astype(np.uint8)
+            self._veils[level] = np.round(veil[..., None] * np.append(air, 0.0)).astype(np.uint8)
+
+    def _reach_m(self, level: int, ego_xy: NDArray[np.float32]) -> tuple[Float64, Float64]:
+        """((R, W) distance of each ground point from its camera, (R, 1) height of that camera)."""
+        rows = [(band.last_row - band.first_row, band.camera) for band in self.bands if band.level == level]
+        cameras = np.repeat([index for _, index in rows], [count for count, _ in rows])
+        position = np.array([camera.base_from_camera[:3, 3] for camera in self.cameras])[cameras][:, None]
+        delta = ego_xy - position[..., :2]
+        return np.hypot(np.hypot(delta[..., 0], delta[..., 1]), position[..., 2]), position[..., 2]
+
+    def draw(self, frames: Rgb, ground: PaintedGround, pose: tuple[float, float, float]) -> None:
+        """Paint the ground into all frames (cameras, H, W, 4), in place."""
         x, y, yaw = pose
         cos, sin = math.cos(yaw), math.sin(yaw)
-        colours: dict[int, Rgb] = {}
         for level, ego_xy in self.maps.items():
             scale = PIXELS_PER_M / 2**level
             affine = np.array(
                 [
-                    [scale * cos, -scale * sin, (x - origin[0]) * scale],
-                    [scale * sin, scale * cos, (y - origin[1]) * scale],
+                    [scale * cos, -scale * sin, (x - ground.origin_m[0]) * scale],
+                    [scale * sin, scale * cos, (y - ground.origin_m[1]) * scale],
                 ]
             )
-            where = cv2.transform(ego_xy, affine)
-            colours[level] = cv2.remap(
-                pyramid[level],
+            where, colours = self._where[level], self._colours[level]
+            cv2.transform(ego_xy, affine, where)
+            cv2.remap(
+                ground.pyramid[level],
                 where,
                 None,
                 cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=GRASS,
+                colours,
+                cv2.BORDER_CONSTANT,
+                ground.beyond.tolist(),
             )
-        taken = dict.fromkeys(colours, 0)
+            if self._gains:
+                cv2.multiply(colours, self._gains[level], colours, 1.0 / 255.0)
+                cv2.add(colours, self._veils[level], colours)
+        taken = dict.fromkeys(self.maps, 0)
         for band in self.bands:
             rows = band.last_row - band.first_row
             start = taken[band.level]
-            frames[band.camera][band.first_row : band.last_row] = colours[band.level][start : start + rows]
+            frames[band.camera, band.first_row : band.last_row] = self._colours[band.level][start : start + rows]
             taken[band.level] = start + rows
 
 

@@ -8,6 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from raw2drive_ros.contract import Float64
+
+# Reach and half width of the ego's head lights.
+BEAM_M, BEAM_SPREAD = 24.0, 0.5
+LAMPS_AHEAD_M = 2.0
+
 
 class UnknownWeatherError(ValueError):
     """No weather of that name; the message lists the known ones."""
@@ -18,7 +26,8 @@ class Weather:
     """light: brightness of everything that does not shine by itself (1 = noon). sun: share of directed light.
     warmth: red gain minus blue gain. fog_m: visibility, at which contrast has fallen to 1/e (inf = none).
     rain: share of pixels hit by streaks. wet: how dark and shiny the road is, [0, 1]. noise: standard
-    deviation of pixel noise in grey levels of 255. sky_top, sky_horizon: RGB, [0, 255].
+    deviation of pixel noise in grey levels of 255. headlights: brightness in front of the ego's head lights, added
+    to `light` (0 = off). sky_top, sky_horizon: RGB, [0, 255].
     """
 
     name: str
@@ -29,8 +38,20 @@ class Weather:
     rain: float = 0.0
     wet: float = 0.0
     noise: float = 0.0
+    headlights: float = 0.0
     sky_top: tuple[float, float, float] = (110.0, 155.0, 215.0)
     sky_horizon: tuple[float, float, float] = (200.0, 212.0, 222.0)
+
+    def tint(self) -> Float64:
+        """(3,) RGB gain of white light."""
+        return np.array([1.0 + self.warmth / 2, 1.0, 1.0 - self.warmth / 2])
+
+    def beam(self, ego_xy: Float64) -> Float64:
+        """(...,) what the ego's head lights add at (..., 2) points in the ego frame."""
+        ahead = np.maximum(ego_xy[..., 0] - LAMPS_AHEAD_M, 0.0)
+        across = ego_xy[..., 1] / (BEAM_SPREAD * ahead + 1.0)
+        rising = np.minimum(ahead / 2.0, 1.0)
+        return self.headlights * rising * np.clip(1.3 - across * across, 0.0, 1.0) * np.exp(-ahead / BEAM_M)
 
 
 CLEAR = 'ClearNoon'
@@ -46,29 +67,36 @@ _CONDITIONS = {
 }
 
 
+def _dimmed(colour: tuple[float, float, float], by: float) -> tuple[float, float, float]:
+    return colour[0] * by, colour[1] * by, colour[2] * by
+
+
 def _presets() -> dict[str, Weather]:
     found = {}
     for time in ('Noon', 'Sunset', 'Night'):
         for condition, fields in _CONDITIONS.items():
             weather = Weather(f'{condition}{time}', **fields)
+            # Under clouds a sunset is dull.
+            glow = weather.light
             if time == 'Sunset':
                 weather = replace(
                     weather,
                     light=0.75 * weather.light,
-                    warmth=0.25,
+                    warmth=0.1 + 0.2 * weather.sun,
                     noise=weather.noise + 1.0,
-                    sky_top=(120.0, 110.0, 140.0),
-                    sky_horizon=(235.0, 160.0, 105.0),
+                    sky_top=_dimmed((120.0, 110.0, 140.0), glow),
+                    sky_horizon=_dimmed((235.0, 160.0, 105.0), glow),
                 )
             elif time == 'Night':
                 weather = replace(
                     weather,
-                    light=0.32 * weather.light,
+                    light=0.34 * weather.light,
                     sun=0.0,
-                    warmth=-0.08,
-                    noise=weather.noise + 4.0,
+                    warmth=-0.1,
+                    noise=weather.noise + 2.0,
+                    headlights=0.6,
                     sky_top=(8.0, 10.0, 20.0),
-                    sky_horizon=(22.0, 26.0, 38.0),
+                    sky_horizon=(24.0, 28.0, 40.0),
                 )
             found[weather.name] = weather
     for time in ('Noon', 'Sunset'):
