@@ -23,7 +23,8 @@ MIN_HEIGHT, MAX_HEIGHT, LEGEND_PX = 230, 620, 30
 MARGIN_M, NEAR_ROUTE_M = 14.0, 45.0
 MAX_PIXELS_PER_M = 12.0
 PATH_SECONDS, PATH_MIN_M, PATH_MAX_M = 8.0, 20.0, 90.0
-SCALE_BAR_M = 20
+SCALE_BAR_M, LONG_BAR_M, LONG_BAR_BELOW = 20, 100, 2.0
+TOGETHER_PX = 30.0
 BESIDE_M, DASH_POINTS = 0.1, 6
 SHIFT = 4
 LABEL_SIZE, COST_PER_PX = 0.38, 0.01
@@ -78,8 +79,9 @@ class Overview:
         gates = Counter((round(float(actor.position[0])), round(float(actor.position[1]))) for actor in self.later)
         for place, count in gates.items():
             self._name(f'{count} enter later', np.array(place, np.float64))
-        for actor in self.world.actors:
-            self._name(actor.kind.replace('_', ' '), actor.position)
+        for kind, places in self._groups():
+            words = kind.replace('_', ' ')
+            self._name(words if len(places) == 1 else f'{len(places)} x {words}', np.mean(places, axis=0))
         self._legend()
         return self.canvas
 
@@ -95,6 +97,19 @@ class Overview:
             if np.abs(route - site.centre_m).max(axis=1).min() < site.half_size_m:
                 near += [site.centre_m + site.half_size_m * np.array(c) for c in product((-1, 1), repeat=2)]
         return np.concatenate([route, np.array(near).reshape(-1, 2)])
+
+    def _groups(self) -> list[tuple[str, list[Float64]]]:
+        """Kinds of actors with the places of those that stand together, which share a label."""
+        groups: list[tuple[str, list[Float64]]] = []
+        for actor in self.world.actors:
+            for kind, places in groups:
+                apart = np.abs(np.array(places) - actor.position).max(axis=1).min()
+                if kind == actor.kind and apart * self.scale < TOGETHER_PX:
+                    places.append(actor.position)
+                    break
+            else:
+                groups.append((actor.kind, [actor.position]))
+        return groups
 
     def _pixels(self, points_m: Float64) -> NDArray[np.int32]:
         pixels = points_m @ self.linear.T + self.offset
@@ -209,7 +224,7 @@ class Overview:
         counts = Counter(actor.kind for actor in (*self.world.actors, *self.later))
         entries: list[tuple[str, Colour]] = [('ego', COLOURS['ego']), ('route', COLOURS['route'])]
         entries += [(f'{kind.replace("_", " ")} x{n}', colour_of(kind)) for kind, n in sorted(counts.items())]
-        entries += [(f'light, {light.colour}', LIGHTS[light.colour]) for light in self.world.lights]
+        entries += [(f'{c} light', LIGHTS[c]) for c in dict.fromkeys(light.colour for light in self.world.lights)]
         entries += [('stop sign', STOP)] if self.world.stop_signs else []
         x, base = 12, self.height + 20
         for words, colour in entries:
@@ -217,10 +232,11 @@ class Overview:
             cv2.rectangle(self.canvas, (x, base - 10), (x + 12, base + 2), DARK, 1)
             text(self.canvas, words, (x + 18, base), 0.42, DARK)
             x += 18 + cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.42, 1)[0][0] + 18
-        wide = round(SCALE_BAR_M * self.scale)
+        bar_m = LONG_BAR_M if self.scale < LONG_BAR_BELOW else SCALE_BAR_M
+        wide = round(bar_m * self.scale)
         right = self.canvas.shape[1] - 12
         cv2.line(self.canvas, (right - wide, base - 3), (right, base - 3), DARK, 2)
-        text(self.canvas, f'{SCALE_BAR_M} m', (right - wide - 40, base), 0.42, DARK)
+        text(self.canvas, f'{bar_m} m', (right - wide - 46, base), 0.42, DARK)
 
 
 def _overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> bool:

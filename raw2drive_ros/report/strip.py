@@ -19,7 +19,7 @@ from raw2drive_ros.simulation.world import DECISION_HZ, World
 PICTURES = 7
 EVERY_TICKS = round(0.8 * DECISION_HZ)
 CAPTION_PX, GAP_PX = 18, 2
-JPEG_QUALITY = 82
+JPEG_QUALITY = 75
 
 
 class StripRecorder:
