@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -17,11 +18,14 @@ from raw2drive_ros.simulation.weather import CLEAR, WEATHERS, Weather
 PIXELS_PER_M = 8.0
 LEVELS = 4
 FAR_M = 110.0
+# How far away what lies beyond counts as.
+HORIZON_M = 165.0
 GRASS, SIDEWALK, ASPHALT = (86, 110, 62), (150, 148, 142), (72, 72, 76)
 PAINT = {'white': (235, 235, 235), 'yellow': (230, 190, 60), 'stop': (240, 240, 240), 'zebra': (240, 240, 240)}
 LINE_WIDTH_M = {'white': 0.18, 'yellow': 0.18, 'stop': 0.5}
 DASH_M, GAP_M = 3.0, 3.0
 SHIFT = 4
+SPECKLE_PX = 256
 # What a soaked road loses in brightness, and mirrors of the sky at a grazing angle.
 WET_ASPHALT, WET_SOIL, WET_MIRROR = 0.4, 0.15, 0.45
 
@@ -48,7 +52,7 @@ def paint_ground(
     size = np.ceil((points.max(axis=0) + 6.0 - origin) * PIXELS_PER_M).astype(int)
     grass, sidewalk, asphalt = ground_colours(weather, variation)
     texture: Rgb = np.empty((int(size[1]), int(size[0]), 3), np.uint8)
-    texture[:] = np.round(grass)
+    texture[:] = np.tile(np.round(grass).astype(np.uint8), (texture.shape[1], 1))
 
     def pixels(points_m: Float64) -> NDArray[np.int32]:
         return np.round((points_m - origin) * PIXELS_PER_M * 2**SHIFT).astype(np.int32)
@@ -72,24 +76,29 @@ def paint_ground(
             lines = _dashes(marking.points_m)
         for line in lines:
             cv2.polylines(texture, [pixels(line)], False, paint(kind), width, cv2.LINE_AA, SHIFT)
-    # A fixed speckle gives the asphalt something to flow; deterministic, and tiled to save time.
-    speckle = np.random.default_rng(0).integers(0, 13, (256, 256, 1), dtype=np.uint8)
+    speckle = _speckle()
     rows, columns = texture.shape[:2]
-    for top in range(0, rows, 256):
-        for left in range(0, columns, 256):
-            tile = texture[top : top + 256, left : left + 256]
+    for top in range(0, rows, SPECKLE_PX):
+        for left in range(0, columns, SPECKLE_PX):
+            tile = texture[top : top + SPECKLE_PX, left : left + SPECKLE_PX]
             np.add(tile, speckle[: tile.shape[0], : tile.shape[1]], out=tile)
     light = brightest(weather)
     if not variation.is_plain_film or (light != 1.0).any():
         table = variation.developed(np.arange(256.0)[:, None] * light)
         texture = cv2.LUT(texture, np.round(table)[:, None].astype(np.uint8))
-    pyramid = [texture]
+    pyramid = [cv2.cvtColor(texture, cv2.COLOR_RGB2RGBA)]
     for _ in range(LEVELS - 1):
         last = pyramid[-1]
         half = (max(1, last.shape[1] // 2), max(1, last.shape[0] // 2))
         pyramid.append(cv2.resize(last, half, interpolation=cv2.INTER_AREA))
-    pyramid = [cv2.cvtColor(level, cv2.COLOR_RGB2RGBA) for level in pyramid]
     return PaintedGround(pyramid, origin, variation.developed(grass * light))
+
+
+@cache
+def _speckle() -> Rgb:
+    """A fixed speckle gives the asphalt something to flow; deterministic, and tiled to save time."""
+    grey = np.random.default_rng(0).integers(0, 13, (SPECKLE_PX, SPECKLE_PX, 1), dtype=np.uint8)
+    return np.repeat(grey, 3, axis=2)
 
 
 def ground_colours(weather: Weather, variation: Variation) -> tuple[Float64, Float64, Float64]:
@@ -100,6 +109,14 @@ def ground_colours(weather: Weather, variation: Variation) -> tuple[Float64, Flo
         np.array(SIDEWALK) * (variation.sidewalk * soil),
         np.array(ASPHALT) * (variation.asphalt * (1.0 - WET_ASPHALT * weather.wet)),
     )
+
+
+def far_ground(weather: Weather, variation: Variation) -> Float64:
+    """(3,) RGB of the ground between `FAR_M` and the horizon."""
+    grass, _, _ = ground_colours(weather, variation)
+    clear = math.exp(-HORIZON_M / weather.fog_m) * (1.0 - WET_MIRROR * weather.wet)
+    own = variation.developed(grass * weather.light * weather.tint())
+    return own * clear + variation.developed(np.array(weather.sky_horizon)) * (1.0 - clear)
 
 
 def brightest(weather: Weather) -> Float64:
@@ -134,16 +151,16 @@ class GroundProjector:
         for index, camera in enumerate(cameras):
             ego_xy, footprint, first = _ground_rays(camera, scale)
             self.first_rows.append(first)
-            if first >= len(ego_xy):
+            if not len(ego_xy):
                 continue
             wanted = np.clip(np.floor(np.log2(np.maximum(footprint * PIXELS_PER_M, 1.0))), 0, LEVELS - 1)
             # Footprints shrink downwards, so each level is one contiguous band of rows.
-            level_of_row = np.minimum.accumulate(wanted[first:]).astype(int)
+            level_of_row = np.minimum.accumulate(wanted).astype(int)
             for level in range(LEVELS):
                 rows = np.flatnonzero(level_of_row == level)
                 if len(rows):
-                    start, end = first + int(rows[0]), first + int(rows[-1]) + 1
-                    self.bands.append(_Band(index, start, end, level))
+                    start, end = int(rows[0]), int(rows[-1]) + 1
+                    self.bands.append(_Band(index, first + start, first + end, level))
                     maps[level].append(ego_xy[start:end])
         self.maps = {level: np.concatenate(parts) for level, parts in maps.items() if parts}
         # Written anew for every frame; allocating them each time costs as much as the projection.
@@ -175,7 +192,8 @@ class GroundProjector:
         cameras = np.repeat([index for _, index in rows], [count for count, _ in rows])
         position = np.array([camera.base_from_camera[:3, 3] for camera in self.cameras])[cameras][:, None]
         delta = ego_xy - position[..., :2]
-        return np.hypot(np.hypot(delta[..., 0], delta[..., 1]), position[..., 2]), position[..., 2]
+        reach = np.hypot(np.hypot(delta[..., 0], delta[..., 1]), position[..., 2])
+        return np.minimum(reach, HORIZON_M), position[..., 2]
 
     def draw(self, frames: Rgb, ground: PaintedGround, pose: tuple[float, float, float]) -> None:
         """Paint the ground into all frames (cameras, H, W, 4), in place."""
@@ -212,25 +230,33 @@ class GroundProjector:
 
 
 def _ground_rays(camera: CameraCalibration, scale: int) -> tuple[NDArray[np.float32], Float64, int]:
-    """((H, W, 2) ego-frame ground points, (H,) footprint in metres, first row below the horizon)."""
+    """((R, W, 2) ego-frame ground points, (R,) footprint in metres, first row) of the rows that see the ground."""
     height, width = camera.height * scale, camera.width * scale
     intrinsics = camera.intrinsics * np.array([[scale], [scale], [1.0]])
-    u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(intrinsics).T
-    rays = rays @ camera.base_from_camera[:3, :3].T
     position = camera.base_from_camera[:3, 3]
-    falling = -rays[..., 2]
+
+    def rays(u: Float64, v: Float64) -> Float64:
+        columns, rows = np.meshgrid(u, v)
+        optical = np.stack([columns, rows, np.ones_like(columns)], axis=-1) @ np.linalg.inv(intrinsics).T
+        return optical @ camera.base_from_camera[:3, :3].T
+
+    u, v = np.arange(width) + 0.5, np.arange(height) + 0.5
+    # Rays fall most at either end of a row.
+    below = (-rays(u[[0, -1]], v)[..., 2] > 1e-6).any(axis=1)
+    horizon = int(np.argmax(below)) if below.any() else height
+    seen = rays(u, v[horizon:])
+    falling = -seen[..., 2]
     reach = position[2] / np.maximum(falling, 1e-6)
-    ground = position[:2] + rays[..., :2] * reach[..., None]
-    distance = np.hypot(*(ground - position[:2]).transpose(2, 0, 1))
+    ground = position[:2] + seen[..., :2] * reach[..., None]
+    distance = np.hypot(ground[..., 0] - position[0], ground[..., 1] - position[1])
     visible = (falling > 1e-6) & (distance < FAR_M)
-    first = int(np.argmax(visible.any(axis=1))) if visible.any() else height
+    first = int(np.argmax(visible.any(axis=1))) if visible.any() else len(visible)
     ground[distance > FAR_M] = 1e5
     # Geometric mean of the footprints across and along the view ray, halved by the supersampling later.
     across = distance / intrinsics[0, 0]
     along = distance * distance / (intrinsics[1, 1] * position[2])
     footprint = np.sqrt(across * along)
     # Per row: the mean over what is visible there (rows without any are above `first`).
-    seen = visible.sum(axis=1)
-    row_footprint = np.where(visible, footprint, 0.0).sum(axis=1) / np.maximum(seen, 1)
-    return ground.astype(np.float32), row_footprint, first
+    count = visible.sum(axis=1)
+    row_footprint = np.where(visible, footprint, 0.0).sum(axis=1) / np.maximum(count, 1)
+    return ground[first:].astype(np.float32), row_footprint[first:], horizon + first

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from raw2drive_ros.contract import CameraCalibration, Float64, Image8
 from raw2drive_ros.simulation.actors import PathVehicle
-from raw2drive_ros.simulation.ground import GRASS, GroundProjector, PaintedGround, Rgb, paint_ground
+from raw2drive_ros.simulation.ground import GroundProjector, Rgb, far_ground, paint_ground
 from raw2drive_ros.simulation.shapes import Shape, actor_shape, light_shape, stop_sign_shape
 from raw2drive_ros.simulation.variation import NO_VARIATION, Film, Variation
 from raw2drive_ros.simulation.weather import CLEAR, WEATHERS, Weather
@@ -78,7 +78,7 @@ class CameraRenderer:
         if mounted is not self.mounted:
             self._mount(mounted)
         self.air = variation.developed(np.array(weather.sky_horizon))
-        self.painted: PaintedGround = paint_ground(world.road, weather, variation)
+        self.painted = paint_ground(world.road, weather, variation)
         self.ground.light(weather, variation)
         self.skies = [
             _sky(camera, self.scale, rows, weather, variation)
@@ -243,10 +243,8 @@ def _sky(camera: CameraCalibration, scale: int, rows: int, weather: Weather, var
     v = (np.arange(rows) + 0.5) / scale
     rise = (camera.intrinsics[1, 2] - v) / camera.intrinsics[1, 1]
     part = np.clip(rise / 0.6, 0.0, 1.0)[:, None]
-    horizon = np.array(weather.sky_horizon)
-    column = horizon * (1 - part) + np.array(weather.sky_top) * part
-    # So far away, any fog is a wall.
-    grass = np.array(GRASS) * variation.grass * weather.light * weather.tint()
-    column[rise < 0] = horizon if math.isfinite(weather.fog_m) else grass
-    column = np.column_stack([variation.developed(column), np.zeros(rows)])
+    column = np.array(weather.sky_horizon) * (1 - part) + np.array(weather.sky_top) * part
+    column = variation.developed(column)
+    column[rise < 0] = far_ground(weather, variation)
+    column = np.column_stack([column, np.zeros(rows)])
     return np.repeat(column[:, None], camera.width * scale, axis=1).astype(np.uint8)

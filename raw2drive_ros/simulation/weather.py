@@ -90,11 +90,11 @@ def _presets() -> dict[str, Weather]:
             elif time == 'Night':
                 weather = replace(
                     weather,
-                    light=0.34 * weather.light,
+                    light=0.42 * (0.4 + 0.6 * weather.light),
                     sun=0.0,
                     warmth=-0.1,
                     noise=weather.noise + 2.0,
-                    headlights=0.6,
+                    headlights=0.5,
                     sky_top=(8.0, 10.0, 20.0),
                     sky_horizon=(24.0, 28.0, 40.0),
                 )

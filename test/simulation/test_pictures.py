@@ -1,10 +1,14 @@
+import math
+
 import numpy as np
 import pytest
 
 from raw2drive_ros.bev_channels import CHANNELS, EGO_COLUMN_PX, EGO_ROW_PX, PIXELS_PER_M
 from raw2drive_ros.contract import Control
+from raw2drive_ros.simulation.actors import BODIES_M, SIZES_M, Look, PathVehicle, StandingObject, Walker
 from raw2drive_ros.simulation.camera_rig import CAMERA_NAMES, camera_rig
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+from raw2drive_ros.simulation.shapes import actor_shape
 
 
 @pytest.fixture(scope='module')
@@ -72,6 +76,114 @@ def test_brake_lamps_light_up() -> None:
     leader.command_acceleration = -5.0
     lit = env.renderer.render()['front'].astype(int)
     assert (lit[..., 0] - dark[..., 0]).max() > 25
+
+
+@pytest.fixture
+def road() -> DrivingEnv:
+    """A road with nothing on it."""
+    env = DrivingEnv(SimulationConfig())
+    env.reset(seed=0)
+    env.world.actors.clear()
+    env.world._refresh()
+    return env
+
+
+def put(env: DrivingEnv, ahead_m: float, left_m: float, body: str, turned_rad: float = 0.0) -> StandingObject:
+    world = env.world
+    x, y, yaw = world.route.pose(world.route_s_m + ahead_m, left_m)
+    kind = 'parked' if body in BODIES_M else body
+    world.actors = [StandingObject(x, y, yaw + turned_rad, kind, Look(body))]
+    world._refresh()
+    return world.actors[0]
+
+
+def pictures(env: DrivingEnv) -> dict[str, np.ndarray]:
+    return {name: image.astype(int) for name, image in env.renderer.render().items()}
+
+
+@pytest.mark.parametrize('turned_rad', [0.0, 0.6, 2.5])
+@pytest.mark.parametrize('ahead_m, left_m', [(12.0, 0.0), (20.0, -6.0), (-8.0, 4.0)])
+def test_a_turned_car_is_drawn_in_the_masks_where_it_stands_and_as_large(road, ahead_m, left_m, turned_rad) -> None:
+    car = put(road, ahead_m, left_m, 'suv', turned_rad)
+    ego = road.world.ego
+    mask = road.bev.render()[CHANNELS.index('vehicle@now')]
+    rows, columns = np.nonzero(mask)
+    dx, dy = car.position - ego.position
+    cos, sin = math.cos(ego.heading), math.sin(ego.heading)
+    assert rows.mean() == pytest.approx(EGO_ROW_PX - 0.5 - PIXELS_PER_M * (dx * cos + dy * sin), abs=0.6)
+    assert columns.mean() == pytest.approx(EGO_COLUMN_PX - 0.5 - PIXELS_PER_M * (dy * cos - dx * sin), abs=0.6)
+    # OpenCV also fills what the outline only touches.
+    area = PIXELS_PER_M**2 * car.LENGTH * car.WIDTH
+    assert area * 0.9 < mask.sum() < area + 0.6 * 2 * PIXELS_PER_M * (car.LENGTH + car.WIDTH)
+    turned = car.heading - ego.heading
+    longest = np.linalg.eigh(np.cov(columns, rows))[1][:, 1]
+    assert abs(longest @ (math.sin(turned), math.cos(turned))) > math.cos(math.radians(6.0))
+
+
+@pytest.mark.parametrize('body', sorted({*BODIES_M, *SIZES_M}))
+def test_every_body_is_seen_where_it_stands(road, body) -> None:
+    empty = pictures(road)
+    put(road, 9.0, 0.0, body)
+    changed = {name: np.abs(image - empty[name]).max(axis=2) > 20 for name, image in pictures(road).items()}
+    assert changed['front'].sum() >= 15
+    assert np.nonzero(changed['front'])[1].mean() == pytest.approx(80.0, abs=6.0)
+    assert changed['back'].sum() == 0
+
+
+def test_bodies_of_a_kind_look_different(road) -> None:
+    seen = []
+    for body in BODIES_M:
+        put(road, 9.0, 0.0, body)
+        seen.append(pictures(road)['front'])
+    for i, one in enumerate(seen):
+        for other in seen[:i]:
+            assert (np.abs(one - other).max(axis=2) > 20).sum() > 40
+
+
+@pytest.mark.parametrize('body', sorted({*BODIES_M, *SIZES_M}))
+@pytest.mark.parametrize('lamps', ['off', 'day', 'night', 'brake'])
+def test_shapes_are_as_large_as_the_actor_and_stand_on_the_ground(body, lamps) -> None:
+    size = BODIES_M.get(body) or SIZES_M[body]
+    shape = actor_shape(body, 3, size, lamps, 0, True)
+    extent = np.ptp(shape.corners_m.reshape(-1, 3), axis=0)
+    assert extent[0] <= size[0] + 0.15
+    assert extent[1] <= size[1] + 0.15
+    assert shape.corners_m[..., 2].min() >= 0.0
+    assert shape.corners_m[..., 2].max() == pytest.approx(size[2], abs=0.26)
+    assert np.hypot(shape.corners_m[..., 0], shape.corners_m[..., 1]).max() == pytest.approx(shape.radius_m)
+
+
+def test_a_car_beside_a_camera_fills_it_instead_of_vanishing(road) -> None:
+    """Its quads reach behind the image plane and have to be cut there."""
+    empty = pictures(road)
+    put(road, 0.5, 2.6, 'suv')
+    changed = np.abs(pictures(road)['front_left'] - empty['front_left']).max(axis=2) > 20
+    assert changed[60:].mean() > 0.3
+
+
+def test_far_cars_lose_details_and_not_their_outline(road) -> None:
+    empty = pictures(road)['front']
+    put(road, 33.0, 0.0, 'suv')
+    near = pictures(road)['front']
+    road.renderer.detail_m = 10.0
+    far = pictures(road)['front']
+    outlines = [np.abs(picture - empty).max(axis=2) > 20 for picture in (near, far)]
+    assert np.abs(near - far).max() > 0
+    assert (outlines[0] ^ outlines[1]).sum() < 0.3 * outlines[0].sum()
+
+
+def test_legs_swing_and_lights_flash(road) -> None:
+    world = road.world
+    walker = Walker(world.route, world.route_s_m + 8.0, -1.0, 3.0, 1.0, 0.0)
+    walker.speed = 1.0
+    van = PathVehicle(world.route, world.route_s_m + 12.0, 5.0, 5.0, 'emergency', lateral_m=3.5)
+    for actor in (walker, van):
+        world.actors = [actor]
+        world._refresh()
+        world.time_s = 0.0
+        first = pictures(road)['front']
+        world.time_s = 0.25
+        assert (np.abs(pictures(road)['front'] - first).max(axis=2) > 20).sum() >= 4
 
 
 def test_rig_has_six_cameras_looking_where_their_names_say() -> None:
