@@ -1,14 +1,16 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from raw2drive_ros.contract import Control
-from raw2drive_ros.simulation.actors import Look, PathVehicle
+from raw2drive_ros.simulation.actors import Look, PathVehicle, StandingObject
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.signals import TrafficLight
-from raw2drive_ros.simulation.variation import NO_VARIATION, Variation
+from raw2drive_ros.simulation.variation import NO_VARIATION, Variation, picture_rng
 from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, UnknownWeatherError, get_weather
 
 NIGHTS = tuple(name for name in WEATHER_NAMES if name.endswith('Night'))
@@ -91,6 +93,14 @@ def test_fog_hides_a_far_car_more_than_a_near_one(env, name) -> None:
     assert kept(45.0) == pytest.approx(math.exp(-45.0 / visibility_m), abs=0.08)
 
 
+@pytest.mark.parametrize(('row', 'distance_m'), [(90, 1.6 * 114 / 42.5), (53, 1.6 * 114 / 5.5)])
+def test_fog_lies_over_the_ground_as_far_as_it_is(env, row, distance_m) -> None:
+    fog, cloudy = (front(env, name)[row, 70:90] for name in ('FogNoon', 'CloudyNoon'))
+    weather = get_weather('FogNoon')
+    kept = np.mean(weather.sky_horizon - fog) / np.mean(weather.sky_horizon - cloudy)
+    assert kept == pytest.approx(math.exp(-distance_m / weather.fog_m), abs=0.06)
+
+
 @pytest.mark.parametrize('name', WEATHER_NAMES)
 def test_red_can_be_told_from_green_at_15_m(env, name) -> None:
     red, green = (light_picture(env, 15.0, colour, name) for colour in ('red', 'green'))
@@ -131,6 +141,19 @@ def test_head_lights_reach_ahead_and_not_behind(env) -> None:
     assert night['front'] / noon['front'] > 1.5 * night['back'] / noon['back']
 
 
+def test_head_lights_shine_on_what_stands_ahead(env) -> None:
+    world = env.world
+    x, y, yaw = world.route.pose(world.route_s_m + 10.0)
+    world.actors = [StandingObject(x, y, yaw, 'barrier')]
+    world._refresh()
+    night = replace(get_weather('ClearNight'), noise=0.0)
+    means = []
+    for weather in (night, replace(night, headlights=0.0)):
+        env.renderer.new_world(world, weather)
+        means.append(env.renderer.render()['front'][62:68, 76:84].mean())
+    assert means[0] > 1.3 * means[1]
+
+
 def drive(seed: int, repetition: int, weather: str = CLEAR, vary: bool = False) -> list[np.ndarray]:
     env = DrivingEnv(SimulationConfig(bev=False, vary=vary))
     tick, _ = env.reset(seed=seed, options={'weather': weather, 'repetition': repetition})
@@ -143,6 +166,21 @@ def test_pictures_are_those_of_the_route_and_its_repetition(weather) -> None:
     first, again, other = drive(2, 1, weather), drive(2, 1, weather), drive(2, 2, weather)
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     assert not any(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
+
+
+def test_a_variation_belongs_to_type_seed_and_repetition_whatever_the_weather() -> None:
+    def drawn(*route) -> Variation:
+        return Variation.draw(picture_rng(RouteId(*route)), 6)
+
+    kinds = [
+        ('Accident', 1),
+        ('Accident', 2),
+        ('ParkedObstacle', 1),
+        ('Accident', 1, CLEAR, 1),
+        ('Accident', 1, CLEAR, 2),
+    ]
+    assert len({drawn(*route) for route in kinds}) == len(kinds)
+    assert drawn('Accident', 1) == drawn('Accident', 1, 'FogNoon')
 
 
 def test_episodes_vary_if_asked_to() -> None:
