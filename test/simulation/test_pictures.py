@@ -138,6 +138,8 @@ def test_bodies_of_a_kind_look_different(road) -> None:
     for i, one in enumerate(seen):
         for other in seen[:i]:
             assert (np.abs(one - other).max(axis=2) > 20).sum() > 40
+    shapes = [actor_shape(body, 0, (4.5, 1.9, 1.6), 'day', 0, True) for body in BODIES_M]
+    assert len({shape.corners_m.tobytes() for shape in shapes}) == len(BODIES_M)
 
 
 @pytest.mark.parametrize('body', sorted({*BODIES_M, *SIZES_M}))
