@@ -35,6 +35,7 @@ setup(
         'gymnasium>=1.0',
         'highway-env>=1.12,<1.13',
         'jinja2>=3.1',
+        'matplotlib>=3.8',
         'numpy>=1.26',
         'opencv-python-headless>=4.9',
         'pydantic>=2.7',

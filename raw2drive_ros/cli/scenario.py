@@ -1,4 +1,4 @@
-"""raw2drive scenario: the list of scenario types, or one drive as a picture or a video."""
+"""raw2drive scenario: the list of scenario types, one drive as a picture or a video, or what it earns."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ EXAMPLES = """examples:
   raw2drive scenario show ParkingExit --seed 3 --picture scene.png
   raw2drive scenario show T_Junction --seed 7 --weather HardRainNight --driver raw --video drive.mp4
   raw2drive scenario show Accident --driver expert --seconds 12 --picture scene.png --video drive.mp4
+  raw2drive scenario reward Accident --driver expert --against idm --picture reward.png
 
 Seed, weather and repetition name the same drive as in the results of raw2drive evaluate."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('action', choices=('list', 'show'))
-    parser.add_argument('name', nargs='?', metavar='TYPE', help='scenario type (show)')
+    parser.add_argument('action', choices=('list', 'show', 'reward'))
+    parser.add_argument('name', nargs='?', metavar='TYPE', help='scenario type (show, reward)')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--weather', default='ClearNoon', help='weather preset of the camera images')
     parser.add_argument('--repetition', type=int, default=0, help='0 is the route as drawn')
     parser.add_argument('--driver', default='rule', help='who drives, as in raw2drive evaluate (default: rule)')
+    parser.add_argument('--against', default='constant', help='reward: another driver (default: constant)')
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw (default: the shipped one)')
     parser.add_argument('--run', dest='training_run', type=Path, help='stage-1 run of driver privileged')
     parser.add_argument('--blind', action='store_true', help='black out every camera')
@@ -39,9 +41,31 @@ def run(options: argparse.Namespace) -> int:
             print(f'{name:44s} {", ".join(scenario.abilities) or "-":30s} {scenario.description}')
         return 0
     if options.name is None:
-        raise UsageError('scenario show needs a TYPE; see raw2drive scenario list')
+        raise UsageError(f'scenario {options.action} needs a TYPE; see raw2drive scenario list')
     get_scenario(options.name)
-    return _show(options)
+    return _reward(options) if options.action == 'reward' else _show(options)
+
+
+def _reward(options: argparse.Namespace) -> int:
+    """Drive twice under the rules of training, and plot the terms of the reward."""
+    from raw2drive_ros.evaluation.evaluate import DriverSpec
+    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.report.reward_plot import save_reward_plot, trace
+    from raw2drive_ros.simulation.route_id import RouteId
+    from raw2drive_ros.simulation.weather import get_weather
+
+    route = RouteId(options.name, options.seed, get_weather(options.weather).name, options.repetition)
+    bundle = options.bundle or default_bundle()
+    traces = {
+        name: trace(route, DriverSpec(name, bundle, options.training_run).build())
+        for name in dict.fromkeys((options.driver, options.against))
+    }
+    target = options.picture or Path(f'{route.type}_{route.seed}_reward.png')
+    print(save_reward_plot(target, route, traces))
+    for name, drive in traces.items():
+        terms = ', '.join(f'{term} {values.sum():.1f}' for term, values in drive.terms.items())
+        print(f'{name}: return {drive.discounted_return:.1f} discounted, {drive.rewards.sum():.1f} not: {terms}')
+    return 0
 
 
 def _show(options: argparse.Namespace) -> int:

@@ -106,7 +106,7 @@ def load_suite(name: str) -> Suite:
 def draw_suite(
     plan: SuitePlan, on_route: Callable[[int], None] = lambda done: None
 ) -> tuple[dict[str, list[str]], int]:
-    """('seed/weather' by type, number of rejected draws); weathers follow one another from route to route.
+    """('seed/weather' by type, number of rejected draws).
 
     Raises UnfairScenarioError for a type that is hardly ever fair.
     """
@@ -117,7 +117,7 @@ def draw_suite(
         seed = plan.first_seed
         while len(places) < plan.per_type:
             if is_fair(kind, seed):
-                places.append(f'{seed}/{WEATHER_NAMES[done % len(WEATHER_NAMES)]}')
+                places.append(f'{seed}/{weather_of(kind, seed)}')
                 done += 1
                 on_route(done)
             else:
@@ -127,6 +127,12 @@ def draw_suite(
             seed += 1
         found[kind] = places
     return found, rejected
+
+
+def weather_of(kind: str, seed: int) -> str:
+    """Weathers follow one another from seed to seed, and begin five further on with every type."""
+    number = list(load_scenarios()).index(kind)
+    return WEATHER_NAMES[(5 * number + seed) % len(WEATHER_NAMES)]
 
 
 def is_fair(kind: str, seed: int) -> bool:

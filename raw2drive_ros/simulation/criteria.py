@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from raw2drive_ros.simulation.actors import PathVehicle, StandingObject, Walker, boxes_overlap, corners_m
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import DECISION_HZ, World
@@ -91,11 +93,8 @@ class Criteria:
 
     def _compare_speeds(self, world: World) -> None:
         assert self.start_s_m is not None
-        cars = [
-            i
-            for i, actor in enumerate(world.actors)
-            if isinstance(actor, PathVehicle) and abs(world.positions[i] - world.ego.position).max() < TRAFFIC_WITHIN_M
-        ]
+        near = np.abs(world.positions[:-1] - world.ego.position).max(axis=1, initial=0.0) < TRAFFIC_WITHIN_M
+        cars = [i for i in np.flatnonzero(near) if isinstance(world.actors[i], PathVehicle)]
         if not cars:
             return
         done = (self.best_s_m - self.start_s_m) / (world.goal_s_m - self.start_s_m)

@@ -1,14 +1,17 @@
-"""Who is first on whose path: the same question for all traffic at once, because it is most of a physics step."""
+"""Who is first on whose path. Asked for all vehicles of one path at once, because it is most of a physics step."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raw2drive_ros.contract import Float64
+from raw2drive_ros.simulation.path import SPACING_M
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.actors import PathVehicle
@@ -20,60 +23,106 @@ ALIGNED_COS = 0.75
 STANDING_MPS = 0.5
 # Traffic reacts to an ego that changes lanes once its centre is in theirs, as CARLA's agents do.
 IN_LANE_M = 1.4
-FAR_M = 1e6
+# Who is further aside of his path is not on it.
+ON_PATH_M = 1.0
+# No half-width of an actor, half-width of a follower and margin add up to more.
+REACH_M = 2.8
+STRIDE = round(1.0 / SPACING_M)
+STEPS = int(LOOK_AHEAD_M)
 NOBODY = 10_000
+
+Ints = NDArray[Any]
 
 
 def find_leaders(world: World, vehicles: Sequence[PathVehicle]) -> None:
-    """Set `gap_m` and `closing_mps` of each vehicle: to the first thing on its path ahead, or (inf, 0)."""
-    if not vehicles:
+    """Set `gap_m` and `closing_mps` of each vehicle: to the first thing on its path ahead, or (inf, 0).
+
+    The heedless get none.
+    """
+    groups: dict[int, list[PathVehicle]] = {}
+    for vehicle in vehicles:
+        groups.setdefault(id(vehicle.path), []).append(vehicle)
+    for group in groups.values():
+        followers = [vehicle for vehicle in group if not vehicle.heedless]
+        if followers:
+            _behind_one_another(group, followers)
+            _behind_others(world, group, followers)
+
+
+def _behind_one_another(group: Sequence[PathVehicle], followers: Sequence[PathVehicle]) -> None:
+    """Gaps along the path to those on the same one."""
+    line = sorted((v for v in group if abs(v.lateral_m) < ON_PATH_M), key=lambda v: v.s_m)
+    ahead = {id(v): leader for v, leader in itertools.pairwise(line)}
+    for vehicle in followers:
+        leader = ahead.get(id(vehicle))
+        if leader is None or leader.s_m - vehicle.s_m > LOOK_AHEAD_M:
+            vehicle.gap_m, vehicle.closing_mps = math.inf, 0.0
+            continue
+        gap = leader.s_m - vehicle.s_m - (leader.LENGTH + vehicle.LENGTH) / 2
+        vehicle.gap_m, vehicle.closing_mps = max(gap, 0.05), vehicle.speed - leader.speed
+
+
+def _behind_others(world: World, group: Sequence[PathVehicle], followers: Sequence[PathVehicle]) -> None:
+    """Anybody else who reaches into the path and is nearer than the leader on it."""
+    stations = np.array([max(0, int(vehicle.s_m / SPACING_M)) for vehicle in followers])
+    first = int(stations.min())
+    points = followers[0].path.points_m[first : int(stations.max()) + STRIDE * STEPS : STRIDE]
+    if not len(points):
         return
-    windows = np.full((len(vehicles), int(LOOK_AHEAD_M), 2), FAR_M)
-    for window, vehicle in zip(windows, vehicles, strict=True):
-        points = vehicle.path.window(vehicle.s_m, LOOK_AHEAD_M)
-        window[: len(points)] = points
-    rows = np.array([world.index_of(vehicle) for vehicle in vehicles])
-    near = np.abs(world.positions[None] - world.positions[rows, None]).max(axis=2) < LOOK_AHEAD_M
-    near[np.arange(len(rows)), rows] = False
-    columns = np.flatnonzero(near.any(axis=0))
+    low, high = points.min(axis=0) - REACH_M, points.max(axis=0) + REACH_M
+    others = ((world.positions > low) & (world.positions < high)).all(axis=1)
+    others[[world.index_of(v) for v in group if abs(v.lateral_m) < ON_PATH_M]] = False
+    columns = np.flatnonzero(others)
     if not len(columns):
-        gaps, closings = np.full(len(rows), math.inf), np.zeros(len(rows))
-    else:
-        near = near[:, columns]
-        delta = world.positions[columns][None, :, None] - windows[:, None]
-        distance2 = np.einsum('vapk,vapk->vap', delta, delta)
-        ego = len(world.actors)
-        if columns[-1] == ego:
-            near[:, -1] &= ~_overlook_ego(world, vehicles, rows, distance2[:, -1])
-        gaps, closings = _first(world, rows, columns, near, distance2, MARGIN_M)
-    for vehicle, gap, closing in zip(vehicles, gaps.tolist(), closings.tolist(), strict=True):
-        vehicle.gap_m, vehicle.closing_mps = gap, closing
+        return
+    rows = np.array([world.index_of(vehicle) for vehicle in followers])
+    distance2 = _distance2(world.positions[columns], points)
+    reach = world.half_widths[columns] + max(v.WIDTH for v in followers) / 2 + MARGIN_M
+    at = np.minimum((stations - first) // STRIDE, len(points) - 1)
+    steps = _steps_to(distance2 < (reach**2)[:, None], at)
+    if columns[-1] == len(world.actors):
+        steps[-1, _overlook_ego(world, followers, rows, distance2[-1:], at)] = NOBODY
+    # The vehicles' own rows: not on the path themselves, or they would not be among the columns.
+    steps[columns[:, None] == rows[None]] = NOBODY
+    gaps, closings = _gaps(world, rows, columns, steps, reach)
+    for vehicle, gap, closing in zip(followers, gaps.tolist(), closings.tolist(), strict=True):
+        if gap < vehicle.gap_m:
+            vehicle.gap_m, vehicle.closing_mps = gap, closing
 
 
-def _overlook_ego(world: World, vehicles: Sequence[PathVehicle], rows: Float64, distance2: Float64) -> Float64:
+def _distance2(positions_m: Float64, points_m: Float64) -> Float64:
+    """(C, P) squared distances."""
+    dx = positions_m[:, 0, None] - points_m[None, :, 0]
+    dy = positions_m[:, 1, None] - points_m[None, :, 1]
+    return dx * dx + dy * dy
+
+
+def _steps_to(hits: Ints, at: Ints) -> Ints:
+    """(C, V) points from each vehicle's place `at` on the path to the next one that is hit, or NOBODY."""
+    index = np.where(hits, np.arange(hits.shape[1]), NOBODY)
+    following = np.minimum.accumulate(index[:, ::-1], axis=1)[:, ::-1]
+    steps = following[:, at] - at
+    steps[steps >= STEPS] = NOBODY
+    return steps
+
+
+def _overlook_ego(world: World, followers: Sequence[PathVehicle], rows: Ints, ego_distance2: Float64, at: Ints) -> Ints:
     """(V,) bool: who has priority does not look out for an ego that crosses, and nobody for one beside the lane."""
     if world.ego.speed < STANDING_MPS:
         return np.zeros(len(rows), bool)
-    priority = np.array([vehicle.has_priority for vehicle in vehicles])
+    priority = np.array([vehicle.has_priority for vehicle in followers])
     crossing = np.cos(world.headings[rows] - world.ego.heading) < ALIGNED_COS
-    return (priority & crossing) | (distance2.min(axis=1) > IN_LANE_M**2)
+    return (priority & crossing) | (_steps_to(ego_distance2 < IN_LANE_M**2, at)[0] == NOBODY)
 
 
-def _first(
-    world: World, rows: Float64, columns: Float64, near: Float64, distance2: Float64, margin_m: float
-) -> tuple[Float64, Float64]:
-    """(free gaps, closing speeds) of followers `rows` towards candidates `columns`; inf where nobody is ahead."""
-    half = world.half_widths[columns]
-    reach = half[None] + world.half_widths[rows, None] + margin_m
-    hits = distance2 < (reach**2)[:, :, None]
-    first = np.where(hits.any(axis=2) & near, hits.argmax(axis=2), NOBODY)
-    best = first.argmin(axis=1)
-    every = np.arange(len(rows))
-    at = first[every, best]
+def _gaps(world: World, rows: Ints, columns: Ints, steps: Ints, reach: Float64) -> tuple[Float64, Float64]:
+    """(free gaps, closing speeds) of followers `rows` to whichever of `columns` is fewest steps ahead."""
+    best = steps.argmin(axis=0)
+    nearest = steps[best, np.arange(len(rows))]
     other = columns[best]
     cos = np.cos(world.headings[rows] - world.headings[other])
-    gap = at + reach[every, best] * 0.5 - world.half_lengths[rows] - world.half_lengths[other] * np.abs(cos)
-    nobody = at == NOBODY
+    gap = nearest + reach[best] * 0.5 - world.half_lengths[rows] - world.half_lengths[other] * np.abs(cos)
+    nobody = nearest == NOBODY
     closing = world.speeds[rows] - world.speeds[other] * cos
     return np.where(nobody, math.inf, np.maximum(gap, 0.05)), np.where(nobody, 0.0, closing)
 
@@ -84,12 +133,12 @@ def first_on_path(world: World, row: int, window_m: Float64, margin_m: float, re
 
     window_m: (M, 2) points of its path, 1 m apart, from where it is. margin_m: room on either side of it.
     """
-    near = np.abs(world.positions - world.positions[row]).max(axis=1) < reach_m
+    near = (np.abs(world.positions - world.positions[row]) < reach_m).all(axis=1)
     near[row] = False
     columns = np.flatnonzero(near)
     if not len(columns) or not len(window_m):
         return math.inf, 0.0
-    delta = world.positions[columns][:, None] - window_m[None]
-    distance2 = np.einsum('apk,apk->ap', delta, delta)
-    gap, closing = _first(world, np.array([row]), columns, np.ones((1, len(columns)), bool), distance2[None], margin_m)
+    reach = world.half_widths[columns] + world.half_widths[row] + margin_m
+    steps = _steps_to(_distance2(world.positions[columns], window_m) < (reach**2)[:, None], np.array([0]))
+    gap, closing = _gaps(world, np.array([row]), columns, steps, reach)
     return float(gap[0]), float(closing[0])

@@ -67,6 +67,20 @@ class Path:
         lateral = -ahead_x * math.sin(yaw) + ahead_y * math.cos(yaw)
         return index * SPACING_M + along, lateral
 
+    def project_many(self, points_m: Float64, hint_s_m: float, window_m: float) -> tuple[Float64, Float64]:
+        """`project` for (N, 2) points, all near one hint: (arc lengths, signed lateral offsets), each (N,)."""
+        hint_s_m = min(max(hint_s_m, 0.0), self.length_m)
+        first = max(0, int((hint_s_m - window_m) / SPACING_M))
+        last = min(len(self._x), int((hint_s_m + window_m) / SPACING_M) + 2)
+        first = min(first, last - 2)
+        own = self.points_m[first:last]
+        dx, dy = points_m[:, 0, None] - own[None, :, 0], points_m[:, 1, None] - own[None, :, 1]
+        index = np.argmin(dx * dx + dy * dy, axis=1)
+        every = np.arange(len(points_m))
+        ahead_x, ahead_y = dx[every, index], dy[every, index]
+        cos, sin = np.cos(self.headings_rad[first + index]), np.sin(self.headings_rad[first + index])
+        return (first + index) * SPACING_M + ahead_x * cos + ahead_y * sin, -ahead_x * sin + ahead_y * cos
+
     def window(self, s_m: float, ahead_m: float) -> Float64:
         """(M, 2) points from `s_m` to `s_m + ahead_m`, 1 m apart."""
         first = max(0, int(s_m / SPACING_M))

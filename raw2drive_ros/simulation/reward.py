@@ -4,6 +4,8 @@ things that paid for bad driving on our routes (docs/benchmark.md):
 - The speed term is v*/v_base - |v - v*|/7.5, not 1 - |v - v*|/7.5: standing where one has to stand earns nothing.
 - v* looks at what is ahead in the ego's own corridor, so that who passes an obstacle is not told to stop for it.
 - Deviation is free on the stretch beside the route that leads past an obstacle.
+
+and one that it has no word for: holding up an emergency vehicle costs `YIELD_COST` a step.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from raw2drive_ros.simulation.actors import PathVehicle, StandingObject, Walker
+from raw2drive_ros.simulation.actors import Walker
 from raw2drive_ros.simulation.criteria import beside_route_m
 from raw2drive_ros.simulation.world import DECISION_HZ, World
 
@@ -27,6 +29,9 @@ SLOW_LIMIT_S = 100.0
 ROUTE_END_M = 10.0
 SEARCH_M = 50.0
 ON_ROUTE_M = 2.0
+# An emergency vehicle this near behind, slower than it wants to be by so much, is held up.
+YIELD_COST, HELD_UP_M, HELD_UP_MPS = 1.0, 30.0, 2.0
+VULNERABLE = ('walker', 'cyclist')
 # Walkers and cyclists further aside than this do not slow v*.
 BESIDE_M = 5.0
 
@@ -69,6 +74,7 @@ class RewardModel:
             'travel': WEIGHTS['travel'] * advance,
             'deviation': -WEIGHTS['deviation'] * deviation / DEVIATION_SCALE_M,
             'steer': -WEIGHTS['steer'] * abs(steer - self.last_steer),
+            'yield': -YIELD_COST if holds_up_emergency(world) else 0.0,
             'terminal': 0.0,
         }
         self.last_steer = steer
@@ -125,20 +131,29 @@ def free_share(world: World) -> float:
 def vehicle_ahead_m(world: World) -> float:
     """Distance along the route to the first vehicle or obstacle whose centre is within 2 m of the ego's corridor, which
     runs beside the route at the ego's own offset; or inf."""
+    near = np.abs(world.positions[:-1] - world.ego.position).max(axis=1, initial=0.0) < SEARCH_M + 5
+    rows = [i for i in np.flatnonzero(near) if world.actors[i].kind not in VULNERABLE]
+    if not rows:
+        return math.inf
+    stations, laterals = world.route.project_many(world.positions[rows], world.route_s_m, SEARCH_M + 5)
     best = math.inf
-    for i, actor in enumerate(world.actors):
-        if isinstance(actor, Walker) or actor.kind == 'cyclist':
-            continue
-        delta = world.positions[i] - world.ego.position
-        if abs(delta[0]) > SEARCH_M + 5 or abs(delta[1]) > SEARCH_M + 5:
-            continue
-        s, lateral = world.route.project(
-            float(world.positions[i, 0]), float(world.positions[i, 1]), world.route_s_m, SEARCH_M + 5
-        )
+    for s, lateral in zip(stations.tolist(), laterals.tolist(), strict=True):
         ahead = s - world.route_s_m
-        if abs(lateral - _corridor_m(world, s)) < ON_ROUTE_M and 0.0 < ahead < SEARCH_M:
-            best = min(best, ahead)
+        if 0.0 < ahead < min(best, SEARCH_M) and abs(lateral - _corridor_m(world, s)) < ON_ROUTE_M:
+            best = ahead
     return best
+
+
+def holds_up_emergency(world: World) -> bool:
+    """Is an emergency vehicle close behind in the ego's corridor, and slower than it wants to be?"""
+    for i, actor in enumerate(world.actors):
+        if actor.kind != 'emergency' or actor.target_speed - actor.speed < HELD_UP_MPS:
+            continue
+        x, y = (float(v) for v in world.positions[i])
+        s, lateral = world.route.project(x, y, world.route_s_m, HELD_UP_M + 10.0)
+        if 0.0 < world.route_s_m - s < HELD_UP_M and abs(lateral - world.route_lateral_m) < ON_ROUTE_M:
+            return True
+    return False
 
 
 def _corridor_m(world: World, s_m: float) -> float:
@@ -151,14 +166,13 @@ def nearest_vulnerable_m(world: World) -> dict[str, float]:
     """Euclidean distance to the nearest cyclist and walker that is ahead of the ego and not far aside."""
     found: dict[str, float] = {}
     cos, sin = math.cos(world.ego.heading), math.sin(world.ego.heading)
-    for i, actor in enumerate(world.actors):
-        if isinstance(actor, StandingObject) or (isinstance(actor, PathVehicle) and actor.kind != 'cyclist'):
+    x, y = (float(v) for v in world.ego.position)
+    for actor in world.actors:
+        if actor.kind not in VULNERABLE:
             continue
-        delta = world.positions[i] - world.ego.position
-        aside = abs(-delta[0] * sin + delta[1] * cos)
+        dx, dy = float(actor.position[0]) - x, float(actor.position[1]) - y
         limit = BESIDE_M if isinstance(actor, Walker) else ON_ROUTE_M
-        if delta[0] * cos + delta[1] * sin < 0.0 or aside > limit:
+        if dx * cos + dy * sin < 0.0 or abs(-dx * sin + dy * cos) > limit:
             continue
-        distance = float(np.hypot(*delta))
-        found[actor.kind] = min(found.get(actor.kind, math.inf), distance)
+        found[actor.kind] = min(found.get(actor.kind, math.inf), math.hypot(dx, dy))
     return found

@@ -73,6 +73,7 @@ class World:
         self.lights = [self._light(spec) for spec in self.scene.lights]
         self.stop_signs = [self._stop_sign(spec.junction) for spec in self.scene.stop_signs]
         self.actors: list[Actor] = []
+        self.paths: dict[tuple[object, int, int], Path] = {}
         self.pending: list[tuple[float, Actor]] = []
         self.waiting: list[tuple[float, float, Actor]] = []
         for spec in self.scene.actors:
@@ -97,7 +98,7 @@ class World:
         dt = 1.0 / PHYSICS_HZ
         self.ego.command = control
         self._disturb()
-        find_leaders(self, [a for a in self.actors if isinstance(a, PathVehicle) and not a.heedless])
+        find_leaders(self, [a for a in self.actors if isinstance(a, PathVehicle)])
         for actor in self.actors:
             actor.think(self)
         self.ego.step(dt)
@@ -296,6 +297,13 @@ class World:
         return path.project(x, y)[0]
 
     def _traffic_path(self, spec: TrafficSpec) -> Path:
+        """Vehicles on one path share it: that is how the leader among them is found."""
+        key = (spec.on, spec.lane, spec.junction)
+        if key not in self.paths:
+            self.paths[key] = self._new_path(spec)
+        return self.paths[key]
+
+    def _new_path(self, spec: TrafficSpec) -> Path:
         if spec.on == 'forward':
             return self.road.forward_path(spec.lane)
         if spec.on == 'backward':

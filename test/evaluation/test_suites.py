@@ -14,7 +14,10 @@ from raw2drive_ros.evaluation.suites import (
     is_fair,
     load_suite,
 )
+from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.simulation.scenario import get_scenario, rng_for
 from raw2drive_ros.simulation.weather import WEATHER_NAMES
+from raw2drive_ros.simulation.world import World
 
 
 def test_b2d220_is_44_types_with_five_routes_each() -> None:
@@ -28,8 +31,7 @@ def test_b2d220_is_44_types_with_five_routes_each() -> None:
 def test_dev10_is_a_part_of_b2d220() -> None:
     dev10 = load_suite('dev10').routes
     assert [route.type for route in dev10] == list(DEV10)
-    of_b2d220 = {(route.type, route.seed) for route in load_suite('b2d220').routes}
-    assert {(route.type, route.seed) for route in dev10} <= of_b2d220
+    assert set(dev10) <= set(load_suite('b2d220').routes)
 
 
 def test_training_validation_and_evaluation_share_no_route() -> None:
@@ -42,8 +44,9 @@ def test_training_validation_and_evaluation_share_no_route() -> None:
 def test_a_shipped_route_is_drawn_again_as_it_stands() -> None:
     plan = SuitePlan(('VanillaNonSignalizedTurn', 'HardBreakRoute'), 5, 0)
     routes, _ = draw_suite(plan)
-    shipped = {(route.type, route.seed) for route in load_suite('b2d220').routes}
-    assert {(kind, int(place.split('/')[0])) for kind, places in routes.items() for place in places} <= shipped
+    shipped = {str(route) for route in load_suite('b2d220').routes}
+    drawn = {str(RouteId.parse(f'{kind}/{place}')) for kind, places in routes.items() for place in places}
+    assert drawn <= shipped
 
 
 def test_a_scene_whose_actors_crash_is_unfair(monkeypatch) -> None:
@@ -70,3 +73,13 @@ def test_unknown_and_broken_suites_are_clear_errors(tmp_path) -> None:
     broken.write_text('{"name": "x"}')
     with pytest.raises(UnknownSuiteError, match='not a suite'):
         load_suite(str(broken))
+
+
+def test_long_routes_chain_many_events_over_two_kilometres() -> None:
+    routes = load_suite('long').routes
+    assert len(routes) >= 10
+    world = World(get_scenario('LongRoute'), rng_for('LongRoute', routes[0].seed))
+    assert world.route.length_m > 2000.0
+    kinds = {type(spec).__name__ for spec in world.scene.actors}
+    assert {'TrafficSpec', 'WalkerSpec', 'StandingSpec'} <= kinds
+    assert len(world.road.junctions) >= 4

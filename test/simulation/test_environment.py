@@ -151,12 +151,13 @@ def test_scenario_runs_and_earns_reward(name: str) -> None:
     driver = rule_episodes()
     driver.reset(1)
     rewards = []
-    while not env.done and len(rewards) < 150:
+    while not env.done and len(rewards) < 300:
         tick, reward, *_ = env.step(driver.control(env, tick.sensors, tick).control)
         rewards.append(reward)
         tick.privileged.validate()
-    assert env.criteria.route_completion(env.world) > 15
-    assert np.mean(rewards) > 0.5
+    driven_m = env.criteria.best_s_m - env.world.scene.route.start_s_m
+    assert driven_m > 30.0
+    assert np.mean(rewards) > 0.2
 
 
 def test_running_a_red_light_is_an_infraction() -> None:
