@@ -20,40 +20,44 @@ NIGHTS = tuple(name for name in WEATHER_NAMES if name.endswith('Night'))
 def drawn() -> DrivingEnv:
     env = DrivingEnv(SimulationConfig(bev=False))
     env.reset(seed=0)
+    for _ in range(30):
+        env.step(Control(0.6))
     return env
 
 
 @pytest.fixture
 def env(drawn) -> DrivingEnv:
-    """An empty road in front of the ego."""
+    """An empty road in front of the ego, and behind it."""
     drawn.world.actors.clear()
     drawn.world.lights, drawn.world.stop_signs = [], []
     drawn.world._refresh()
     return drawn
 
 
-def front(env: DrivingEnv, weather: str = CLEAR, variation: Variation = NO_VARIATION) -> np.ndarray:
+def view(
+    env: DrivingEnv, weather: str = CLEAR, variation: Variation = NO_VARIATION, camera: str = 'front'
+) -> np.ndarray:
     env.renderer.new_world(env.world, get_weather(weather), variation)
-    return env.renderer.render()['front'].astype(int)
+    return env.renderer.render()[camera].astype(int)
 
 
 def car_picture(env: DrivingEnv, ahead_m: float, weather: str, colour: int = 0) -> np.ndarray:
     world = env.world
     world.actors = [PathVehicle(world.route, world.route_s_m + ahead_m, 5.0, 5.0, look=Look('sedan', colour))]
     world._refresh()
-    return front(env, weather)
+    return view(env, weather)
 
 
 def light_picture(env: DrivingEnv, ahead_m: float, colour: str, weather: str) -> np.ndarray:
     world = env.world
     x, y, yaw = world.route.pose(world.route_s_m + ahead_m, -3.0)
     world.lights = [TrafficLight(50.0, ((colour, 1.0),), pole_pose=(x, y, yaw + math.pi))]
-    return front(env, weather)
+    return view(env, weather)
 
 
 @pytest.mark.parametrize('name', [name for name in WEATHER_NAMES if name != CLEAR])
 def test_every_weather_differs_from_clear_noon(env, name) -> None:
-    clear, other = front(env), front(env, name)
+    clear, other = view(env), view(env, name)
     assert np.abs(other - clear).mean() > 2.0
     assert other.std() > 8.0
 
@@ -75,7 +79,7 @@ def test_clear_noon_without_variation_adds_no_noise_and_draws_nothing(env) -> No
 
 @pytest.mark.parametrize('name', ['SoftRainNoon', 'HardRainNight', 'ClearNight'])
 def test_rain_and_noise_fall_elsewhere_in_every_frame(env, name) -> None:
-    first = front(env, name)
+    first = view(env, name)
     assert (np.abs(env.renderer.render()['front'] - first) > 0).mean() > 0.2
 
 
@@ -95,7 +99,7 @@ def test_fog_hides_a_far_car_more_than_a_near_one(env, name) -> None:
 
 @pytest.mark.parametrize(('row', 'distance_m'), [(90, 1.6 * 114 / 42.5), (53, 1.6 * 114 / 5.5)])
 def test_fog_lies_over_the_ground_as_far_as_it_is(env, row, distance_m) -> None:
-    fog, cloudy = (front(env, name)[row, 70:90] for name in ('FogNoon', 'CloudyNoon'))
+    fog, cloudy = (view(env, name)[row, 70:90] for name in ('FogNoon', 'CloudyNoon'))
     weather = get_weather('FogNoon')
     kept = np.mean(weather.sky_horizon - fog) / np.mean(weather.sky_horizon - cloudy)
     assert kept == pytest.approx(math.exp(-distance_m / weather.fog_m), abs=0.06)
@@ -113,20 +117,30 @@ def test_red_can_be_told_from_green_at_15_m(env, name) -> None:
 @pytest.mark.parametrize('name', WEATHER_NAMES)
 def test_a_car_25_m_ahead_can_be_seen(env, name) -> None:
     # The rain falls alike in both pictures.
-    empty, full = front(env, name), car_picture(env, 25.0, name)
+    empty, full = view(env, name), car_picture(env, 25.0, name)
     assert (np.abs(full - empty).max(axis=2) > 25).sum() >= 12
 
 
 @pytest.mark.parametrize('name', WEATHER_NAMES)
 def test_the_lane_near_the_car_can_be_seen(env, name) -> None:
     """Paint and asphalt of the lowest rows, where the lane's edges are."""
-    rows = front(env, name)[70:].mean(axis=2)
+    rows = view(env, name)[70:].mean(axis=2)
     assert np.percentile(rows, 99) - np.median(rows) > 25
+
+
+@pytest.mark.parametrize('name', WEATHER_NAMES)
+def test_without_lamps_too_a_car_12_m_behind_can_be_seen(env, name) -> None:
+    world = env.world
+    empty = view(env, name, camera='back')
+    x, y, yaw = world.route.pose(world.route_s_m - 12.0)
+    world.actors = [StandingObject(x, y, yaw, 'parked', Look('sedan', 4))]
+    world._refresh()
+    assert (np.abs(view(env, name, camera='back') - empty).max(axis=2) > 12).sum() >= 10
 
 
 @pytest.mark.parametrize('name', NIGHTS)
 def test_at_night_only_what_shines_is_bright(env, name) -> None:
-    sky_and_sides = front(env, name)
+    sky_and_sides = view(env, name)
     assert np.median(sky_and_sides) < 60
     lit = light_picture(env, 10.0, 'red', name)
     assert lit[..., 0].max() > 180
@@ -192,7 +206,7 @@ def test_episodes_vary_if_asked_to() -> None:
 def test_a_moved_camera_changes_the_picture_and_not_what_is_published(env) -> None:
     turn = (0.0, 0.0, math.radians(2.0))
     moved = Variation(mounting=((turn, (0.0, 0.0, 0.0)),) * len(env.rig))
-    plain, turned = front(env), front(env, variation=moved)
+    plain, turned = view(env), view(env, variation=moved)
     published = camera_rig()
     for camera, nominal in zip(env.rig, published, strict=True):
         assert np.array_equal(camera.base_from_camera, nominal.base_from_camera)
@@ -200,8 +214,8 @@ def test_a_moved_camera_changes_the_picture_and_not_what_is_published(env) -> No
     columns = slice(10, 150)
     shifted = np.abs(turned[60:90, 14:154] - plain[60:90, columns]).mean()
     assert shifted < 0.5 * np.abs(turned[60:90, columns] - plain[60:90, columns]).mean()
-    front(env)
-    assert np.array_equal(front(env), plain)
+    view(env)
+    assert np.array_equal(view(env), plain)
 
 
 @pytest.mark.parametrize(
@@ -209,7 +223,7 @@ def test_a_moved_camera_changes_the_picture_and_not_what_is_published(env) -> No
     [({'exposure': 1.2}, 1.2), ({'exposure': 0.8}, 0.8), ({'asphalt': 1.3}, None), ({'line_wear': 1.0}, None)],
 )
 def test_parts_of_a_variation(env, change_of, expected) -> None:
-    plain, varied = front(env), front(env, variation=Variation(**change_of))
+    plain, varied = view(env), view(env, variation=Variation(**change_of))
     road = (slice(75, 96), slice(40, 120))
     if expected:
         assert varied[road].mean() / plain[road].mean() == pytest.approx(expected, abs=0.03)
