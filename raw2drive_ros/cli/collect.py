@@ -5,8 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, get_weather
+
 EXAMPLES = """examples:
   raw2drive collect --driver rule --noise 0.06 --ticks 30000 --out runs/bags/rule
+  raw2drive collect --driver expert --routes all --weather cycle --vary --ticks 20000 --out runs/bags/expert
   raw2drive collect --driver privileged --run runs/stage1 --noise 0.05 --ticks 8000 --seed 1 --out runs/bags/policy1
 
 The bags hold the same topics as those of `raw2drive record`."""
@@ -23,6 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--episode-ticks', type=int, default=400, help='cut every episode after so many ticks')
     parser.add_argument('--noise', type=float, default=0.0, help='chance per tick of a burst of random actions')
     parser.add_argument('--seed', type=int, default=0, help='another number draws other training routes')
+    parser.add_argument('--weather', default=CLEAR, help='a weather preset, or cycle: another one every episode')
+    parser.add_argument('--vary', action='store_true', help='vary camera, mounting, paint and sun between episodes')
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--no-cameras', action='store_true', help='leave the images out (stage 1 does not need them)')
     parser.add_argument('--out', type=Path, required=True, help='folder that the bags go to')
@@ -43,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
-    scenarios = tuple(name for name, _ in routes_of(options.routes, 1))
+    scenarios = tuple(route.type for route in routes_of(options.routes, 1))
     driver = make_driver(options.driver, options.bundle, options.training_run, options.noise)
     config = CollectConfig(
         scenarios,
@@ -52,8 +57,10 @@ def run(options: argparse.Namespace) -> int:
         not options.no_cameras,
         options.episode_ticks,
         image_size=SIZES[options.size],
+        weathers=WEATHER_NAMES if options.weather == 'cycle' else (get_weather(options.weather).name,),
+        vary=options.vary,
     )
-    facts = {'driver': options.driver, 'noise': str(options.noise)}
+    facts = {'driver': options.driver, 'noise': str(options.noise), 'weather': options.weather}
     bags = set()
     with bar('collecting', options.ticks, 'ticks') as advance:
         for ticks, bag in collect(options.out, config, driver, facts):

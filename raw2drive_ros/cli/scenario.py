@@ -11,12 +11,13 @@ EXAMPLES = """examples:
   raw2drive scenario show T_Junction --seed 7 --weather HardRainNight --driver raw --video drive.mp4
   raw2drive scenario show Accident --driver expert --seconds 12 --picture scene.png --video drive.mp4
   raw2drive scenario reward Accident --driver expert --against idm --picture reward.png
+  raw2drive scenario gallery --out docs                 a page with a picture of every benchmark type
 
 Seed, weather and repetition name the same drive as in the results of raw2drive evaluate."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('action', choices=('list', 'show', 'reward'))
+    parser.add_argument('action', choices=('list', 'show', 'reward', 'gallery'))
     parser.add_argument('name', nargs='?', metavar='TYPE', help='scenario type (show, reward)')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--weather', default='ClearNoon', help='weather preset of the camera images')
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--picture', type=Path, help='PNG to write (default, without --video: TYPE_SEED.png)')
     parser.add_argument('--video', type=Path, help='MP4 to write')
+    parser.add_argument('--out', type=Path, default=Path('docs'), help='gallery: folder of scenarios.md and pictures')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -39,6 +41,13 @@ def run(options: argparse.Namespace) -> int:
     if options.action == 'list':
         for name, scenario in load_scenarios().items():
             print(f'{name:44s} {", ".join(scenario.abilities) or "-":30s} {scenario.description}')
+        return 0
+    if options.action == 'gallery':
+        from raw2drive_ros.cli.progress import bar
+        from raw2drive_ros.report.gallery import write_gallery
+
+        with bar('drawing', 44, 'types') as advance:
+            print(write_gallery(options.out, advance))
         return 0
     if options.name is None:
         raise UsageError(f'scenario {options.action} needs a TYPE; see raw2drive scenario list')

@@ -14,6 +14,8 @@ from raw2drive_ros.evaluation.episode import as_received
 from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.tick_messages import TickMessages
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
+from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.simulation.weather import CLEAR
 
 # Collection seeds start here, so that no collected route is an evaluation route (seeds 0 ... 9,999).
 TRAIN_SEED_START = 100_000
@@ -21,7 +23,8 @@ TRAIN_SEED_START = 100_000
 
 @dataclass(frozen=True, slots=True)
 class CollectConfig:
-    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many. image_size: (H, W)."""
+    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many. image_size: (H, W).
+    weathers: taken in turn, one an episode. vary: see `SimulationConfig`."""
 
     scenarios: tuple[str, ...]
     ticks: int
@@ -30,6 +33,8 @@ class CollectConfig:
     episode_ticks: int = 400
     bag_ticks: int = 2000
     image_size: tuple[int, int] = (96, 160)
+    weathers: tuple[str, ...] = (CLEAR,)
+    vary: bool = False
 
 
 def collect(
@@ -39,7 +44,7 @@ def collect(
     provenance: dict[str, str],
 ) -> Iterator[tuple[int, Path]]:
     """Write bags into `folder`; yields (ticks so far, bag) after each tick batch of an episode."""
-    simulation = SimulationConfig(config.image_size, cameras=config.cameras)
+    simulation = SimulationConfig(config.image_size, cameras=config.cameras, vary=config.vary)
     env = DrivingEnv(simulation)
     messages = TickMessages(RosbagsFactory(), env.rig)
     seed = TRAIN_SEED_START + 10_000 * config.seed
@@ -53,8 +58,11 @@ def collect(
                 bag.write(topic, stamp, message)
             in_bag = 0
             while in_bag < config.bag_ticks and done_ticks + in_bag < config.ticks:
-                name = config.scenarios[(seed - first) % len(config.scenarios)]
-                in_bag += _episode(env, messages, bag, name, seed, driver, config)
+                number = seed - first
+                name = config.scenarios[number % len(config.scenarios)]
+                # One weather further on with every round through the scenarios, or some pairs would never meet.
+                weather = config.weathers[(number + number // len(config.scenarios)) % len(config.weathers)]
+                in_bag += _episode(env, messages, bag, RouteId(name, seed, weather), driver, config)
                 seed += 1
                 yield done_ticks + in_bag, path
         done_ticks += in_bag
@@ -64,20 +72,18 @@ def _episode(
     env: DrivingEnv,
     messages: TickMessages,
     bag: BagWriter,
-    scenario: str,
-    seed: int,
+    route: RouteId,
     driver: EpisodeDriver,
     config: CollectConfig,
 ) -> int:
     """Drive one episode into the bag; returns its number of ticks."""
     factory = bag.factory
-    episode = f'{scenario}/{seed}'
-    driver.reset(seed)
-    tick, _ = env.reset(seed=seed, options={'scenario': scenario})
+    driver.reset(route.seed)
+    tick, _ = env.reset_to(route)
     bag.write(*messages.route(tick))
     ticks = 0
     while True:
-        _write_tick(bag, messages, tick, episode)
+        _write_tick(bag, messages, tick, str(route))
         ticks += 1
         if env.done or ticks >= config.episode_ticks:
             return ticks

@@ -1,0 +1,65 @@
+"""Comfort from hand-made motion: each limit breaks alone, and the quirks are Bench2Drive's."""
+
+import numpy as np
+import pytest
+
+from raw2drive_ros.evaluation.comfort import SEGMENT, comfort_percent, savitzky_golay
+
+
+def motion(longitudinal=0.0, lateral=0.0, yaw_rate=0.0, segments: int = 1) -> np.ndarray:
+    """(N, 3): constants, or functions of time in seconds."""
+    seconds = np.arange(SEGMENT * segments) / 20.0
+    return np.stack(
+        [f(seconds) if callable(f) else np.full(len(seconds), f) for f in (longitudinal, lateral, yaw_rate)], 1
+    )
+
+
+def test_a_parabola_is_smoothed_to_itself_and_differentiated_exactly() -> None:
+    t = np.arange(SEGMENT, dtype=float)
+    parabola = 3.0 + 2.0 * t - 0.5 * t**2
+    assert savitzky_golay(0) @ parabola == pytest.approx(parabola)
+    assert savitzky_golay(1) @ parabola == pytest.approx(2.0 - t)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'comfortable'),
+    [
+        ({'longitudinal': 2.3}, True),
+        ({'longitudinal': 2.5}, False),
+        ({'longitudinal': -4.0}, True),
+        ({'longitudinal': -4.1}, False),
+        ({'lateral': -4.8}, True),
+        ({'lateral': 4.95}, False),
+        ({'yaw_rate': 0.9}, True),
+        ({'yaw_rate': -1.0}, False),
+        ({'longitudinal': lambda t: 4.0 * (t - 0.5)}, True),
+        ({'longitudinal': lambda t: 4.2 * (t - 0.5)}, False),
+        ({'lateral': lambda t: 8.2 * t - 4.0}, True),
+        ({'lateral': lambda t: 8.5 * t - 4.0}, False),
+        ({'yaw_rate': lambda t: 1.8 * (t - 0.5)}, True),
+        ({'yaw_rate': lambda t: 1.9 * (t - 0.45)}, True),
+        ({'yaw_rate': lambda t: 2.0 * (t - 0.45)}, False),
+    ],
+)  # fmt: skip
+def test_each_limit_alone(kind, comfortable) -> None:
+    assert comfort_percent(motion(**kind)) == (100.0 if comfortable else 0.0)
+
+
+def test_share_of_segments_and_the_incomplete_tail_is_dropped() -> None:
+    good, bad = motion(segments=3), motion(longitudinal=3.0)
+    assert comfort_percent(np.concatenate([good, bad])) == 75.0
+    assert comfort_percent(np.concatenate([good, bad[:-1]])) == 100.0
+
+
+def test_shorter_than_a_segment_is_undefined() -> None:
+    assert comfort_percent(motion()[:-1]) is None
+    assert comfort_percent(np.zeros((0, 3))) is None
+
+
+def test_quirks_halve_jerk_and_take_degrees_for_radians() -> None:
+    jerk = motion(longitudinal=lambda t: 6.0 * (t - 0.6))
+    assert comfort_percent(jerk) == 0.0
+    assert comfort_percent(jerk, quirks=True) == 100.0
+    turning = motion(yaw_rate=0.02)
+    assert comfort_percent(turning) == 100.0
+    assert comfort_percent(turning, quirks=True) == 0.0, '1.15 deg/s is above 0.95'
