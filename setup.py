@@ -19,7 +19,7 @@ def tree(folder: str) -> list[tuple[str, list[str]]]:
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version='0.2.0',
     description='End-to-end driving by dual-stream model-based reinforcement learning, as a ROS 2 stack.',
     packages=find_packages(include=[f'{NAME}*', 'msg_adapters*']),
     package_data={NAME: ['py.typed', 'report/*.html'], 'msg_adapters': ['py.typed']},

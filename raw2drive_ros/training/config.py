@@ -38,6 +38,7 @@ class TrainConfig(Strict):
     policy_after: int = Field(0, description='steps of world-model training before the policy starts')
     reset_policy_at: int = Field(0, description='give the policy fresh weights at this step; 0 = never')
     terminal_share: float = Field(0.3, description='share of sequences that hold a terminal step')
+    decode_share: float = Field(1.0, gt=0.0, le=1.0, description='share of the states whose masks are decoded a step')
     free_nats: float = 1.0
     weight_pred: float = 1.0
     weight_reward: float = 10.0

@@ -44,13 +44,14 @@ def observe_pair(
     with torch.no_grad():
         privileged_hidden = privileged.post_embed(privileged_embed)
     keep = (~is_first).to(actions.dtype).unsqueeze(-1)
+    acted, maps = raw.input_action(actions * keep), raw.maps()
     found: dict[str, list[Tensor]] = {name: [] for name in ('rd', 'rs', 'rp', 'pd', 'ps', 'pp')}
     for t in range(length):
         mask = keep[:, t]
         action = actions[:, t] * mask
         raw_state = State(raw_state.deter * mask, raw_state.stoch * mask)
-        raw_deter = raw.step_deter(raw_state, action)
-        raw_post = raw.posterior(raw_deter, raw_hidden[:, t])
+        raw_deter = raw.next_deter(raw_state, acted[:, t], maps)
+        raw_post = raw.posterior(raw_deter, raw_hidden[:, t], maps)
         with torch.no_grad():
             old = State(privileged_state.deter * mask, privileged_state.stoch * mask)
             privileged_deter = privileged.step_deter(old, action)

@@ -26,6 +26,13 @@ def dynamics_losses(post: Tensor, prior: Tensor, free_nats: float) -> tuple[Tens
     return dyn, rep
 
 
+def decoded(count: int, share: float, generator: torch.Generator) -> slice | Tensor:
+    """Which of `count` states have their masks decoded: all, or a random share (the decoder is the dearest part)."""
+    if share >= 1.0:
+        return slice(None)
+    return torch.randperm(count, generator=generator)[: max(1, round(share * count))]
+
+
 class PrivilegedTrainer:
     """Owns both networks and both optimisers; `step(batch)` is one gradient step of each."""
 
@@ -67,14 +74,15 @@ class PrivilegedTrainer:
         return states, post, grid
 
     def model_losses(self, batch: Batch) -> tuple[dict[str, Tensor], State]:
-        """Every loss term, each (B, T), by name; and the filtered states."""
+        """Every loss term by name, each (B, T), `masks` (K,) of the K states decoded; and the filtered states."""
         b, t = batch.action.shape[:2]
         states, post, _ = self.observe(batch)
         prior = self.model.rssm.prior(states.deter)
         dyn, rep = dynamics_losses(post, prior, self.config.train.free_nats)
         feature = states.feature
         flat = feature.flatten(0, 1)
-        masks = mask_loss(self.model.decoder(flat), batch.masks.flatten(0, 1)).view(b, t)
+        shown = decoded(b * t, self.config.train.decode_share, self.generator)
+        masks = mask_loss(self.model.decoder(flat[shown]), batch.masks.flatten(0, 1)[shown])
         ego_error = self.model.decoder.ego(flat) - symlog(batch.ego.flatten(0, 1))
         losses = {
             'masks': masks,

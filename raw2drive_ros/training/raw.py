@@ -19,7 +19,7 @@ from raw2drive_ros.training.imagination import (
     update_policy,
 )
 from raw2drive_ros.training.optimiser import Optimiser
-from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer, dynamics_losses
+from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer, decoded, dynamics_losses
 from raw2drive_ros.training.replay import Batch
 from raw2drive_ros.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
@@ -57,7 +57,7 @@ class RawTrainer:
         )
 
     def model_losses(self, batch: Batch) -> tuple[dict[str, Tensor], PairedRollout]:
-        """Every loss term, each (B, T), by name; and both streams' states."""
+        """Every loss term by name, each (B, T), `masks` (K,) of the K states decoded; and both streams' states."""
         assert batch.images is not None
         b, t = batch.action.shape[:2]
         with torch.no_grad():
@@ -79,7 +79,8 @@ class RawTrainer:
         prior = self.model.rssm.prior(pair.raw.deter)
         dyn, rep = dynamics_losses(pair.raw_post, prior, self.config.train.free_nats)
         flat = pair.raw.feature.flatten(0, 1)
-        masks = mask_loss(self.model.decoder(flat), batch.masks.flatten(0, 1)).view(b, t)
+        shown = decoded(b * t, self.config.train.decode_share, self.generator)
+        masks = mask_loss(self.model.decoder(flat[shown]), batch.masks.flatten(0, 1)[shown])
         ego_error = self.model.decoder.ego(flat) - symlog(batch.ego.flatten(0, 1))
         losses = {
             'masks': masks,

@@ -5,12 +5,14 @@ h_t = f(h_{t-1}, s_{t-1}, a_{t-1});  posterior q(s_t | h_t, e_t);  prior p(s_t |
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
 from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.deferred import DeferredLinear
 from raw2drive_ros.world_model.distributions import mixed_log_probs, sample_one_hot, straight_through
 from raw2drive_ros.world_model.layers import BlockLinear, Dense, Linear, RmsNorm
 
@@ -29,6 +31,21 @@ class State:
 
     def detach(self) -> State:
         return State(self.deter.detach(), self.stoch.detach())
+
+
+Map = Callable[[Tensor], Tensor]
+
+
+@dataclass(slots=True)
+class Maps:
+    """The linear maps of one step, as the modules themselves or with deferred weight gradients."""
+
+    deter: Map
+    stoch: Map
+    core_hidden: Map
+    core_gates: Map
+    post_deter: Map
+    post_out: Map
 
 
 class Rssm(nn.Module):
@@ -57,18 +74,37 @@ class Rssm(nn.Module):
         device = self.post_embed.weight.device
         return State(torch.zeros(batch, c.deter, device=device), torch.zeros(batch, c.stoch_size, device=device))
 
+    def maps(self) -> Maps:
+        """For one pass over a sequence: while gradients are recorded, with deferred weight gradients."""
+        if not torch.is_grad_enabled() or not self.post_out.weight.requires_grad:
+            return self.plain_maps()
+        linear = (self.input_deter.linear, self.input_stoch.linear, self.post_deter, self.post_out)
+        blocks = (self.core_hidden, self.core_gates)
+        deter, stoch, post_deter, post_out = (DeferredLinear(layer.weight.t(), layer.bias) for layer in linear)
+        hidden, gates = (DeferredLinear(layer.weight, layer.bias) for layer in blocks)
+        return Maps(deter, stoch, hidden, gates, post_deter, post_out)
+
+    def plain_maps(self) -> Maps:
+        inputs = (self.input_deter.linear, self.input_stoch.linear)
+        return Maps(*inputs, self.core_hidden, self.core_gates, self.post_deter, self.post_out)
+
     def step_deter(self, state: State, action: Tensor) -> Tensor:
         """h_t from (B, D), (B, S*K) and one-hot (B, A) actions."""
+        return self.next_deter(state, self.input_action(action), self.plain_maps())
+
+    def next_deter(self, state: State, action_hidden: Tensor, maps: Maps) -> Tensor:
+        """h_t, where `action_hidden` is `input_action(a)`."""
         c = self.config
         batch = state.deter.shape[0]
-        inputs = torch.cat(
-            [self.input_deter(state.deter), self.input_stoch(state.stoch), self.input_action(action)], -1
-        )
+        silu = nn.functional.silu
+        deter_hidden = silu(self.input_deter.norm(maps.deter(state.deter)))
+        stoch_hidden = silu(self.input_stoch.norm(maps.stoch(state.stoch)))
+        inputs = torch.cat([deter_hidden, stoch_hidden, action_hidden], -1)
         blocks = state.deter.view(batch, c.blocks, -1).transpose(0, 1)
         x = torch.cat([blocks, inputs.unsqueeze(0).expand(c.blocks, -1, -1)], -1)
-        x = self.core_hidden(x).transpose(0, 1).reshape(batch, -1)
-        x = nn.functional.silu(self.core_norm(x))
-        gates = self.core_gates(x.view(batch, c.blocks, -1).transpose(0, 1))
+        x = maps.core_hidden(x).transpose(0, 1).reshape(batch, -1)
+        x = silu(self.core_norm(x))
+        gates = maps.core_gates(x.view(batch, c.blocks, -1).transpose(0, 1))
         reset, candidate, update = (gate.transpose(0, 1).reshape(batch, -1) for gate in gates.chunk(3, -1))
         update = torch.sigmoid(update - 1.0)
         candidate = torch.tanh(torch.sigmoid(reset) * candidate)
@@ -78,10 +114,11 @@ class Rssm(nn.Module):
         """(..., S, K) log-probabilities of p(s | h)."""
         return self._log_probs(self.prior_net(deter))
 
-    def posterior(self, deter: Tensor, embed_hidden: Tensor) -> Tensor:
+    def posterior(self, deter: Tensor, embed_hidden: Tensor, maps: Maps | None = None) -> Tensor:
         """(..., S, K) log-probabilities of q(s | h, e); `embed_hidden` is `post_embed(e)`."""
-        hidden = nn.functional.silu(self.post_norm(self.post_deter(deter) + embed_hidden))
-        return self._log_probs(self.post_out(hidden))
+        to_hidden, to_logits = (maps.post_deter, maps.post_out) if maps else (self.post_deter, self.post_out)
+        hidden = nn.functional.silu(self.post_norm(to_hidden(deter) + embed_hidden))
+        return self._log_probs(to_logits(hidden))
 
     def _log_probs(self, logits: Tensor) -> Tensor:
         shape = (*logits.shape[:-1], self.config.stoch, self.config.classes)
@@ -105,12 +142,14 @@ class Rssm(nn.Module):
         state = start or self.initial(embed.shape[0])
         hidden = self.post_embed(embed)
         keep = (~is_first).to(embed.dtype).unsqueeze(-1)
+        acted = self.input_action(actions * keep)
+        maps = self.maps()
         deters, stochs, posts = [], [], []
         for t in range(embed.shape[1]):
             mask = keep[:, t]
             state = State(state.deter * mask, state.stoch * mask)
-            deter = self.step_deter(state, actions[:, t] * mask)
-            post = self.posterior(deter, hidden[:, t])
+            deter = self.next_deter(state, acted[:, t], maps)
+            post = self.posterior(deter, hidden[:, t], maps)
             state = State(deter, self.sample(post, uniform[:, t]))
             deters.append(deter)
             stochs.append(state.stoch)

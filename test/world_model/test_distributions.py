@@ -78,7 +78,18 @@ def test_kl_is_zero_for_equal_and_matches_torch() -> None:
 def test_mask_loss_is_binary_cross_entropy() -> None:
     logits, masks = torch.randn(3, 2, 4, 4) * 3, (torch.rand(3, 2, 4, 4) < 0.5).float()
     reference = torch.nn.functional.binary_cross_entropy_with_logits(logits, masks, reduction='none')
-    assert torch.allclose(mask_loss(logits, masks), reference.sum((1, 2, 3)), rtol=1e-5)
+    assert torch.allclose(mask_loss(logits, masks), reference.sum((1, 2, 3)), rtol=1e-4)
+
+
+def test_mask_loss_has_the_gradient_of_binary_cross_entropy_at_any_logit() -> None:
+    logits = (torch.randn(2, 3, 4, 4) * 20).requires_grad_()
+    masks, weight = (torch.rand(2, 3, 4, 4) < 0.5).float(), torch.tensor([0.5, 2.0])
+    loss = mask_loss(logits, masks)
+    assert torch.isfinite(loss).all()
+    (found,) = torch.autograd.grad((loss * weight).sum(), logits)
+    reference = torch.nn.functional.binary_cross_entropy_with_logits(logits, masks, reduction='none').sum((1, 2, 3))
+    (wanted,) = torch.autograd.grad((reference * weight).sum(), logits)
+    assert torch.allclose(found, wanted, atol=1e-6)
 
 
 def test_lambda_returns_by_hand() -> None:

@@ -2,11 +2,13 @@
 
 import copy
 
+import pytest
 import torch
 
 from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.guidance import observe_pair
+from raw2drive_ros.world_model.deferred import DeferredLinear
 from raw2drive_ros.world_model.rssm import Rssm
 
 CONFIG = make_config('nano').model
@@ -76,3 +78,36 @@ def test_a_first_step_forgets_everything_before_it() -> None:
     whole, _ = rssm.observe(embed, actions, first, uniform)
     tail, _ = rssm.observe(embed[:, 3:], actions[:, 3:], first[:, 3:], uniform[:, 3:])
     assert torch.allclose(whole.deter[:, 3:], tail.deter, atol=1e-6)
+
+
+def test_deferred_weight_gradients_are_those_of_plain_autograd(monkeypatch) -> None:
+    """The same loss through both, in double precision; every parameter of the recurrent model gets its gradient."""
+    torch.manual_seed(0)
+    rssm = Rssm(CONFIG, EMBED, ACTION_COUNT).double()
+    embed = torch.randn(3, 9, EMBED, dtype=torch.float64)
+    actions = torch.nn.functional.one_hot(torch.randint(0, ACTION_COUNT, (3, 9)), ACTION_COUNT).double()
+    first = torch.zeros(3, 9, dtype=torch.bool)
+    first[:, 0] = first[2, 4] = True
+    uniform = torch.rand(3, 9, CONFIG.stoch)
+
+    def gradients() -> dict[str, torch.Tensor]:
+        rssm.zero_grad()
+        states, post = rssm.observe(embed, actions, first, uniform)
+        (states.feature.square().sum() + post.exp().square().sum() + rssm.prior(states.deter).sum()).backward()
+        return {name: p.grad.clone() for name, p in rssm.named_parameters()}
+
+    deferred = gradients()
+    monkeypatch.setattr(Rssm, 'maps', Rssm.plain_maps)
+    plain = gradients()
+    assert set(deferred) == set(plain) == {name for name, _ in rssm.named_parameters()}
+    for name, gradient in plain.items():
+        assert gradient.abs().sum() > 0, name
+        assert torch.allclose(deferred[name], gradient, rtol=1e-9, atol=1e-10), name
+
+
+def test_a_loop_whose_first_step_feeds_nothing_is_refused() -> None:
+    loop = DeferredLinear(torch.randn(4, 4, requires_grad=True), torch.zeros(4, requires_grad=True))
+    a, b = loop(torch.randn(2, 4, requires_grad=True)), loop(torch.randn(2, 4, requires_grad=True))
+    with pytest.raises(RuntimeError, match='first step'):
+        a.sum().backward()
+    assert b.shape == (2, 4)
