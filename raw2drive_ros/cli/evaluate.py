@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
 
     from raw2drive_ros.cli.progress import bar
     from raw2drive_ros.cli.table import print_results
-    from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate
+    from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate, strips_of
     from raw2drive_ros.evaluation.metrics import RouteResult
     from raw2drive_ros.paths import default_bundle
     from raw2drive_ros.report.strip import StripRecorder
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     spec = DriverSpec(options.driver, bundle, options.training_run, options.threads, options.blind)
     # Before any process starts or any file is written: can this driver be built at all?
     spec.build()
-    strips = options.out.with_suffix('.strips') if options.out else None
+    strips = strips_of(options.out) if options.out else None
     conditions = Conditions(quirks=options.quirks, observe=StripRecorder if strips else None, strips=strips)
     with bar('evaluating', len(routes), 'routes') as advance:
 

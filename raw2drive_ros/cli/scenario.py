@@ -36,12 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.errors import UsageError
-    from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios
+    from raw2drive_ros.simulation.scenario import get_scenario
 
     if options.action == 'list':
-        for name, scenario in load_scenarios().items():
-            print(f'{name:44s} {", ".join(scenario.abilities) or "-":30s} {scenario.description}')
-        return 0
+        return print_list()
     if options.action == 'gallery':
         from raw2drive_ros.cli.progress import bar
         from raw2drive_ros.report.gallery import write_gallery
@@ -53,6 +51,15 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'scenario {options.action} needs a TYPE; see raw2drive scenario list')
     get_scenario(options.name)
     return _reward(options) if options.action == 'reward' else _show(options)
+
+
+def print_list() -> int:
+    """Every scenario type, its abilities, one line about it."""
+    from raw2drive_ros.simulation.scenario import load_scenarios
+
+    for name, scenario in load_scenarios().items():
+        print(f'{name:44s} {", ".join(scenario.abilities) or "-":30s} {scenario.description}')
+    return 0
 
 
 def _reward(options: argparse.Namespace) -> int:

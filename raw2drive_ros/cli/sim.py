@@ -18,6 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--list', action='store_true', help='list scenario types and abilities')
     parser.add_argument('--scenario', default='LaneFollowing')
     parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--weather', default='ClearNoon', help='weather preset of the camera images')
     parser.add_argument('--picture', type=Path, help='render cameras and BEV after some seconds and exit')
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--real-time', action='store_true', help='follow the wall clock instead of lock-step')
@@ -28,26 +29,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.errors import UsageError
     from raw2drive_ros.simulation.camera_rig import SIZES
-    from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios
+    from raw2drive_ros.simulation.scenario import get_scenario
+    from raw2drive_ros.simulation.weather import get_weather
 
     if options.list:
-        for name, scenario in load_scenarios().items():
-            print(f'{name:44s} {", ".join(scenario.abilities) or "-":30s} {scenario.description}')
-        return 0
+        from raw2drive_ros.cli.scenario import print_list
+
+        return print_list()
     get_scenario(options.scenario)
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     height, width = SIZES[options.size]
     if options.picture is not None:
-        from raw2drive_ros.report.scene import save_scene
+        from raw2drive_ros.evaluation.drivers import rule_episodes
+        from raw2drive_ros.report.scene import save_picture
+        from raw2drive_ros.simulation.route_id import RouteId
 
-        print(save_scene(options.picture, options.scenario, options.seed, (height, width)))
+        route = RouteId(options.scenario, options.seed, get_weather(options.weather).name)
+        print(save_picture(options.picture, route, (height, width), rule_episodes()))
         return 0
     from raw2drive_ros.cli.single import run_single
 
     parameters = {
         'scenario': options.scenario,
         'seed': options.seed,
+        'weather': get_weather(options.weather).name,
         'lock_step': not options.real_time,
         'image_height': height,
         'image_width': width,

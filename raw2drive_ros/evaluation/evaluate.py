@@ -118,13 +118,18 @@ class RouteRunner:
             traceback.print_exc()
             return failed_route(route, f'{type(error).__name__}: {error}'), []
         if observer is not None and self.conditions.strips is not None and not drive.result.success:
-            observer.save(self.conditions.strips / strip_name(route))
+            observer.save(strip_path(self.conditions.strips, str(route)))
         return drive.result, drive.tick_ms
 
 
-def strip_name(route: RouteId) -> str:
-    """File name of a failed route's pictures."""
-    return str(route).replace('/', '_') + '.jpg'
+def strips_of(results_file: Path) -> Path:
+    """Folder of the pictures of failed routes that belong to a file of results."""
+    return results_file.with_suffix('.strips')
+
+
+def strip_path(strips: Path, route_id: str) -> Path:
+    """The pictures of one failed route."""
+    return strips / f'{route_id.replace("/", "_")}.jpg'
 
 
 _runner: RouteRunner | None = None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.evaluation.evaluate import strip_path, strips_of
 from raw2drive_ros.evaluation.statistics import Results, id_of
 from raw2drive_ros.simulation.route_id import RouteId
 
@@ -20,11 +21,6 @@ class Failure:
     command: str
     picture: str
     note: str
-
-
-def strip_path(results_file: Path, row_id: str) -> Path:
-    """Where the evaluation leaves the strip of a failed drive."""
-    return results_file.with_suffix('.strips') / f'{row_id.replace("/", "_")}.jpg'
 
 
 def replay_command(driver: str, route: RouteId) -> str:
@@ -43,7 +39,7 @@ def failures_of(results_file: Path, results: Results, max_strips: int) -> list[F
     found: list[Failure] = []
     shown = 0
     for row in sorted((r for r in results.rows if not r['success']), key=lambda r: r['driving_score']):
-        path = strip_path(results_file, row['id'])
+        path = strip_path(strips_of(results_file), row['id'])
         picture, note = '', ''
         if not path.is_file():
             note = 'no picture was recorded'

@@ -9,7 +9,7 @@ import numpy as np
 
 from raw2drive_ros.bev_channels import CHANNELS
 from raw2drive_ros.contract import Control, Decision
-from raw2drive_ros.evaluation.drivers import EpisodeDriver, rule_episodes
+from raw2drive_ros.evaluation.drivers import EpisodeDriver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.metrics import RouteResult
 from raw2drive_ros.report.colours import colour_masks
@@ -38,11 +38,6 @@ def outcome_of(result: RouteResult) -> str:
     """One line for people."""
     events = ', '.join(f'{name} x{count}' for name, count in result.infractions.items()) or 'no infraction'
     return f'driving score {result.driving_score:.1f}, {result.route_completion:.0f} % of the route, {events}'
-
-
-def save_scene(target: Path, scenario: str, seed: int, image_size: tuple[int, int]) -> Path:
-    """The picture of a route as drawn, with the rule driver."""
-    return save_picture(target, RouteId(scenario, seed), image_size, rule_episodes())
 
 
 def save_picture(

@@ -5,7 +5,7 @@ import pytest
 
 from raw2drive_ros.evaluation.drivers import UnknownDriverError, make_driver
 from raw2drive_ros.evaluation.episode import drive_route
-from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, ResultsError, evaluate, strip_name
+from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, ResultsError, evaluate, strip_path
 from raw2drive_ros.evaluation.metrics import (
     bootstrap,
     efficiency_percent,
@@ -184,4 +184,4 @@ def test_a_failed_route_leaves_a_strip_of_pictures(tmp_path) -> None:
 
     routes = [RouteId('BlockedIntersection', 0), RouteId('VanillaNonSignalizedTurn', 0)]
     evaluate(DriverSpec('constant'), 'x', '1', routes, Conditions(observe=StripRecorder, strips=tmp_path))
-    assert [path.name for path in tmp_path.iterdir()] == [strip_name(routes[0])]
+    assert list(tmp_path.iterdir()) == [strip_path(tmp_path, str(routes[0]))]
