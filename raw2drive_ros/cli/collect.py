@@ -9,7 +9,7 @@ from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, get_weather
 
 EXAMPLES = """examples:
   raw2drive collect --driver rule --noise 0.06 --ticks 30000 --out runs/bags/rule
-  raw2drive collect --driver expert --routes all --weather cycle --vary --ticks 20000 --out runs/bags/expert
+  raw2drive collect --driver expert --table --routes all --no-cameras --ticks 40000 --out runs/bags/expert
   raw2drive collect --driver privileged --run runs/stage1 --noise 0.05 --ticks 8000 --seed 1 --out runs/bags/policy1
 
 The bags hold the same topics as those of `raw2drive record`."""
@@ -25,6 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--ticks', type=int, default=20_000, help='decision ticks to write (10 per second)')
     parser.add_argument('--episode-ticks', type=int, default=400, help='cut every episode after so many ticks')
     parser.add_argument('--noise', type=float, default=0.0, help='chance per tick of a burst of random actions')
+    parser.add_argument(
+        '--table', action='store_true', help="turn the driver's commands into actions of the policy's table of 39"
+    )
     parser.add_argument('--seed', type=int, default=0, help='another number draws other training routes')
     parser.add_argument('--weather', default=CLEAR, help='a weather preset, or cycle: another one every episode')
     parser.add_argument('--vary', action='store_true', help='vary camera, mounting, paint and sun between episodes')
@@ -42,6 +45,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.drivers import make_driver
     from raw2drive_ros.evaluation.routes import routes_of
+    from raw2drive_ros.evaluation.table_actions import TableActions
     from raw2drive_ros.simulation.camera_rig import SIZES
 
     if options.size not in SIZES:
@@ -50,6 +54,8 @@ def run(options: argparse.Namespace) -> int:
     torch.set_num_threads(1)
     scenarios = tuple(route.type for route in routes_of(options.routes, 1))
     driver = make_driver(options.driver, options.bundle, options.training_run, options.noise)
+    if options.table:
+        driver = TableActions(driver)
     config = CollectConfig(
         scenarios,
         options.ticks,
@@ -60,7 +66,12 @@ def run(options: argparse.Namespace) -> int:
         weathers=WEATHER_NAMES if options.weather == 'cycle' else (get_weather(options.weather).name,),
         vary=options.vary,
     )
-    facts = {'driver': options.driver, 'noise': str(options.noise), 'weather': options.weather}
+    facts = {
+        'driver': options.driver,
+        'noise': str(options.noise),
+        'weather': options.weather,
+        'table': str(options.table),
+    }
     bags = set()
     with bar('collecting', options.ticks, 'ticks') as advance:
         for ticks, bag in collect(options.out, config, driver, facts):
