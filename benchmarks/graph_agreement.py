@@ -1,0 +1,38 @@
+"""Does the ROS graph score a driver as the in-process evaluation does? Prints each route, and the verdict.
+
+python -m benchmarks.graph_agreement [--driver rule] [--suite dev10]
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from raw2drive_ros.cli.graph_drive import evaluate_graph
+from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate
+from raw2drive_ros.evaluation.suites import load_suite
+from raw2drive_ros.paths import default_bundle
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--driver', default='rule')
+    parser.add_argument('--suite', default='dev10')
+    options = parser.parse_args()
+    suite = load_suite(options.suite)
+    spec = DriverSpec(options.driver, default_bundle())
+    graph = evaluate_graph(spec, suite.name, suite.version, suite.routes, Conditions(), None, lambda done, row: None)
+    alone = evaluate(spec, suite.name, suite.version, suite.routes)
+    for one, other in zip(graph['routes'], alone['routes'], strict=True):
+        print(
+            f'{one["id"]:60s} {one["driving_score"]:6.1f} {other["driving_score"]:6.1f} {"equal" if one == other else one}'
+        )
+    same = graph['routes'] == alone['routes']
+    speeds = f'graph {graph["timing"]["ticks_per_s"]} ticks/s, in process {alone["timing"]["ticks_per_s"]}'
+    print(
+        f'{"equal" if same else "DIFFERENT"} on {len(suite.routes)} routes; {speeds}; lost {graph["timing"]["messages_lost"]}'
+    )
+    return 0 if same else 1
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
