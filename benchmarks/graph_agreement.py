@@ -23,14 +23,12 @@ def main() -> int:
     graph = evaluate_graph(spec, suite.name, suite.version, suite.routes, Conditions(), None, lambda done, row: None)
     alone = evaluate(spec, suite.name, suite.version, suite.routes)
     for one, other in zip(graph['routes'], alone['routes'], strict=True):
-        print(
-            f'{one["id"]:60s} {one["driving_score"]:6.1f} {other["driving_score"]:6.1f} {"equal" if one == other else one}'
-        )
+        scores = f'{one["driving_score"]:6.1f} {other["driving_score"]:6.1f}'
+        print(f'{one["id"]:60s} {scores} {"equal" if one == other else one}')
     same = graph['routes'] == alone['routes']
-    speeds = f'graph {graph["timing"]["ticks_per_s"]} ticks/s, in process {alone["timing"]["ticks_per_s"]}'
-    print(
-        f'{"equal" if same else "DIFFERENT"} on {len(suite.routes)} routes; {speeds}; lost {graph["timing"]["messages_lost"]}'
-    )
+    print('equal' if same else 'DIFFERENT', f'on {len(suite.routes)} routes')
+    for name, timing in (('graph', graph['timing']), ('in process', alone['timing'])):
+        print(f'{name}: {timing["ticks_per_s"]} ticks/s, {timing["messages_lost"]} messages lost')
     return 0 if same else 1
 
 

@@ -317,8 +317,8 @@ class World:
 def _draw(scenario: Scenario, rng: Rng) -> tuple[Scene, RoadMap]:
     """Draw until the road does not run into itself; the generator's state carries on, so it stays seeded."""
     for _ in range(DRAW_ATTEMPTS):
-        scene = scenario.draw(rng)
         try:
+            scene = scenario.draw(rng)
             return scene, build_road(scene.layout)
         except LayoutError:
             continue
