@@ -53,9 +53,10 @@ def run(options: argparse.Namespace) -> int:
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
     scenarios = tuple(route.type for route in routes_of(options.routes, 1))
-    driver = make_driver(options.driver, options.bundle, options.training_run, options.noise)
+    noise = 0.0 if options.table else options.noise
+    driver = make_driver(options.driver, options.bundle, options.training_run, noise)
     if options.table:
-        driver = TableActions(driver)
+        driver = TableActions(driver, options.noise)
     config = CollectConfig(
         scenarios,
         options.ticks,

@@ -23,22 +23,36 @@ STEER_PER_MPS2 = 0.08
 LEAK = 0.85
 OWED_MPS2, OWED_STEER = 4.0, 0.4
 STANDING_MPS = 0.3
+BURST_TICKS = 7
 
 
 class TableActions:
-    """Another driver, its commands turned into actions of the table."""
+    """Another driver, its commands turned into actions of the table.
 
-    def __init__(self, inner: EpisodeDriver) -> None:
-        self.inner = inner
+    noise: chance per tick of a burst of one random action, in half of the episodes, for bags that show how to recover.
+    """
+
+    def __init__(self, inner: EpisodeDriver, noise: float = 0.0) -> None:
+        self.inner, self.noise = inner, noise
         self.needs_cameras, self.needs_bev = inner.needs_cameras, inner.needs_bev
 
     def reset(self, seed: int) -> None:
         self.inner.reset(seed)
+        self.rng = np.random.default_rng(seed)
+        self.chance = self.noise if self.rng.random() < 0.5 else 0.0
+        self.burst, self.random_action = 0, BRAKE_ACTION
         self.owed_mps2 = self.owed_steer = 0.0
 
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert env.world is not None
-        action = self.choose(env.world, self.inner.control(env, frame, tick).control)
+        wanted = self.inner.control(env, frame, tick).control
+        if self.burst == 0 and self.chance and self.rng.random() < self.chance:
+            self.burst, self.random_action = int(self.rng.integers(1, BURST_TICKS)), int(self.rng.choice(FORWARD))
+        if self.burst > 0:
+            self.burst -= 1
+            action = self.random_action
+        else:
+            action = self.choose(env.world, wanted)
         return Decision(frame.stamp_ns, ACTIONS[action], action)
 
     def choose(self, world: World, wanted: Control) -> int:

@@ -46,7 +46,7 @@ def bag_info(path: Path) -> dict[str, Any]:
             )
         everything = [t for times in stamps.values() for t in times]
         duration = (max(everything) - min(everything)) * 1e-9 if everything else 0.0
-        custom = _custom_data(path)
+        custom = provenance_of(path)
     return {
         'path': str(path),
         'duration_s': duration,
@@ -58,7 +58,7 @@ def bag_info(path: Path) -> dict[str, Any]:
     }
 
 
-def _custom_data(path: Path) -> dict[str, str]:
+def provenance_of(path: Path) -> dict[str, str]:
     """The provenance that the writer put into metadata.yaml."""
     loaded = yaml.safe_load((path / 'metadata.yaml').read_text())
     return dict(loaded['rosbag2_bagfile_information'].get('custom_data') or {})

@@ -23,6 +23,7 @@ from raw2drive_ros import topics
 from raw2drive_ros.contract import CameraCalibration
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
 from raw2drive_ros.privileged_contract import EGO_FIELDS
+from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import (
     BagError,
     camera_topics,
@@ -43,7 +44,8 @@ FIRST, TERMINAL, LAST = 1, 2, 4
 @dataclass(slots=True)
 class BagArrays:
     """One bag's ticks. masks: (N, bytes). ego: (N, 5). vector: (N, V). action: (N,) int64, -1 at the
-    first tick. reward: (N,). flags: (N,) bits FIRST, TERMINAL, LAST. images: (N, views, H, W, 3) or None."""
+    first tick. reward: (N,). flags: (N,) bits FIRST, TERMINAL, LAST. images: (N, views, H, W, 3) or None.
+    driver: who drove, from the bag's provenance."""
 
     path: Path
     identity: str
@@ -55,6 +57,7 @@ class BagArrays:
     flags: NDArray[np.uint8]
     images: NDArray[np.uint8] | None
     episodes: list[str]
+    driver: str = ''
 
     def __len__(self) -> int:
         return len(self.action)
@@ -82,7 +85,8 @@ def load_bag(path: Path, cache_root: Path, config: ModelConfig, *, cameras: bool
     images = np.load(folder / 'images.npy', mmap_mode='r') if cameras else None
     episodes = json.loads((folder / 'episodes.json').read_text())
     small = {name: np.array(arrays[name]) for name in ARRAYS if name != 'masks'}
-    return BagArrays(path, identity, arrays['masks'], **small, images=images, episodes=episodes)
+    driver = provenance_of(path).get('driver', '')
+    return BagArrays(path, identity, arrays['masks'], **small, images=images, episodes=episodes, driver=driver)
 
 
 def _build(path: Path, folder: Path, codec: MaskCodec, *, cameras: bool) -> None:

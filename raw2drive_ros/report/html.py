@@ -27,7 +27,7 @@ th:first-child,td:first-child,td.left{text-align:left}
 <p>Driver <code>{{ result.driver }}</code>, routes <code>{{ result.suite }}</code>,
 suite version {{ result.version }}, raw2drive {{ version }}.</p>
 <div class="cards">
-{% for name, value in result.summary.items() %}
+{% for name in ('driving_score', 'success_rate', 'route_completion') %}{% set value = result.summary[name] %}
 <div class="card">{{ name.replace('_', ' ') }}<b>{{ '%.1f' % value.mean }}</b>
 95 %: {{ '%.1f' % value.low }} to {{ '%.1f' % value.high }}</div>
 {% endfor %}

@@ -37,6 +37,9 @@ class TrainConfig(Strict):
     policy_updates: int = Field(1, description='policy updates per round, each from fresh imagination')
     policy_after: int = Field(0, description='steps of world-model training before the policy starts')
     reset_policy_at: int = Field(0, description='give the policy fresh weights at this step; 0 = never')
+    imitate: float = Field(
+        0.0, ge=0.0, description='weight of imitating the expert in its bags (stage 1; not in the paper)'
+    )
     terminal_share: float = Field(0.3, description='share of sequences that hold a terminal step')
     decode_share: float = Field(1.0, gt=0.0, le=1.0, description='share of the states whose masks are decoded a step')
     free_nats: float = 1.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -31,6 +33,12 @@ def decoded(count: int, share: float, generator: torch.Generator) -> slice | Ten
     if share >= 1.0:
         return slice(None)
     return torch.randperm(count, generator=generator)[: max(1, round(share * count))]
+
+
+def demonstrations(states: State, batch: Batch) -> tuple[Tensor, Tensor]:
+    """(N, F) features of filtered states in the expert's bags, and the (N, A) actions that it took in them."""
+    stays = ~batch.is_first[:, 1:] & batch.expert[:, None] & (batch.action[:, 1:].sum(-1) > 0)
+    return states.feature[:, :-1].detach()[stays], batch.action[:, 1:][stays]
 
 
 class PrivilegedTrainer:
@@ -122,11 +130,13 @@ class PrivilegedTrainer:
         if self.steps > t.policy_after and self.steps % t.policy_every == 0:
             for _ in range(t.policy_updates):
                 start, _ = choose_starts(states, (), batch.cont, t.starts, self.generator)
-                metrics |= self.policy_step(start, factor)
+                metrics |= self.policy_step(start, factor, demonstrations(states, batch) if t.imitate else None)
         return metrics
 
-    def policy_step(self, start: State, factor: float = 1.0) -> dict[str, float]:
-        """One actor-critic update from imagined rollouts."""
+    def policy_step(
+        self, start: State, factor: float = 1.0, shown: tuple[Tensor, Tensor] | None = None
+    ) -> dict[str, float]:
+        """One actor-critic update from imagined rollouts; shown: features and actions to imitate beside it."""
         t = self.config.train
         rollout = imagine(
             self.model.rssm,
@@ -138,7 +148,14 @@ class PrivilegedTrainer:
             self.generator,
         )
         actor, critic, metrics = policy_losses(self.policy, rollout, t)
-        metrics['grad/policy'] = update_policy(self.policy, self.policy_optimiser, actor + critic, t, factor)
+        total = actor + critic
+        if shown is not None and len(shown[0]):
+            log_probs = (self.policy.actor(shown[0]) * shown[1]).sum(-1)
+            imitation = -log_probs.mean()
+            metrics['loss/imitation'] = float(imitation.detach())
+            metrics['policy/agreement'] = float((log_probs.detach() > math.log(0.5)).float().mean())
+            total = total + t.imitate * imitation
+        metrics['grad/policy'] = update_policy(self.policy, self.policy_optimiser, total, t, factor)
         return metrics
 
     def modules(self) -> dict[str, torch.nn.Module]:

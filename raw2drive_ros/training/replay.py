@@ -12,12 +12,15 @@ from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.recording.dataset import FIRST, TERMINAL, BagArrays
 from raw2drive_ros.recording.masks import MaskCodec
 
+# Whose bags the policy may imitate (`TrainConfig.imitate`).
+DEMONSTRATOR = 'expert'
+
 
 @dataclass(slots=True)
 class Batch:
     """masks: (B, T, C*P*P, G, G) float. ego: (B, T, 5). vector: (B, T, V). action: (B, T, A) one-hot of the
     action that LED to step t (zero at the first). reward, cont: (B, T), of arriving at t. is_first: (B, T)
-    bool. images: (B, T, views, H, W, 3) uint8 or None.
+    bool. expert: (B,) bool, whether the sequence is a demonstration. images: (B, T, views, H, W, 3) uint8 or None.
 
         t          0        1        2
         obs        o0       o1       o2
@@ -33,6 +36,7 @@ class Batch:
     reward: Tensor
     cont: Tensor
     is_first: Tensor
+    expert: Tensor
     images: Tensor | None
 
 
@@ -83,5 +87,6 @@ class Replay:
             torch.from_numpy(np.stack([bag.reward[s] for bag, s in slices])),
             torch.from_numpy(1.0 - ((flags & TERMINAL) > 0).astype(np.float32)),
             torch.from_numpy((flags & FIRST) > 0),
+            torch.tensor([bag.driver == DEMONSTRATOR for bag, _ in slices]),
             frames,
         )

@@ -12,10 +12,13 @@ import pytest
 
 from raw2drive_ros.cli import scenario as scenario_verb
 from raw2drive_ros.cli.main import main
+from raw2drive_ros.evaluation.evaluate import summarise, timing_of
+from raw2drive_ros.evaluation.metrics import score_route
 from raw2drive_ros.evaluation.statistics import ResultsFileError, compare
 from raw2drive_ros.report.charts import MAX_RUNS, grouped_bars
 from raw2drive_ros.report.comparison import read_all, statistics_of, tone, write_comparison
 from raw2drive_ros.report.failures import replay_command
+from raw2drive_ros.report.html import write_report
 from raw2drive_ros.simulation.route_id import RouteId
 
 HOSTILE = '<img src=x onerror="alert(1)">&'
@@ -156,3 +159,14 @@ def test_bars_stand_where_their_values_are() -> None:
     assert (full.y, full.low_y, half.y, half.low_y) == (grid[100], grid[50], grid[50], None)
     assert full.x + full.width <= half.x
     assert tone(0.0) != tone(1.0) and tone(0.5) == 'rgb(255,255,255)'
+
+
+def test_the_report_of_a_demo_shows_scores_and_escapes_what_comes_from_data(tmp_path) -> None:
+    """Also on a route where efficiency is undefined."""
+    route = RouteId('VanillaNonSignalizedTurn', 0)
+    row = score_route(route, 80.0, {'stop_sign': 1}, 'timeout', 0.0, comfort=50.0)
+    result = summarise('<b>raw</b>', 'x', '2', [route], [row], timing_of([20.0, 21.0]))
+    assert result['summary']['efficiency'] is None
+    page = write_report(tmp_path / 'report.html', result).read_text()
+    assert '64.0' in page, '80 % of the route and a stop sign run'
+    assert '<b>raw</b>' not in page and '&lt;b&gt;raw&lt;/b&gt;' in page
