@@ -1,0 +1,167 @@
+"""What the privileged world model believes and imagines at a moment of a bag, beside the truth, as a video.
+
+Filtering (green border): the posterior of every frame. Imagining (red border): the prior alone, on the recorded actions
+or on the policy's own, while the posterior beside it goes on filtering.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.recording.bag_reader import BagError, BagTick, open_bag, read_ticks
+from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.report.colours import colour_masks
+from raw2drive_ros.report.panels import FRAME, Rgb, canvas_of, mp4, put, text
+from raw2drive_ros.simulation.world import DECISION_HZ
+from raw2drive_ros.training.privileged import PrivilegedTrainer
+from raw2drive_ros.world_model.distributions import sample_one_hot
+from raw2drive_ros.world_model.rssm import State
+
+WARM_UP_S, SHOWN_BEFORE_S = 5.0, 2.0
+SIDE, GAP, PLOT_PX, BORDER = 256, 16, 90, 4
+# Two frames a tick: half speed, because three seconds are soon over.
+RATE = 5
+WHITE, GREEN, RED = (235, 235, 235), (80, 220, 120), (240, 80, 80)
+SIZE = (4 * GAP + 3 * SIDE, GAP + 24 + SIDE + 2 * (PLOT_PX + 2 * GAP))
+
+
+@dataclass(slots=True)
+class Dream:
+    """masks: per tick (C, side, side) of truth, posterior and imagination. reward, cont: per tick, by the same three
+    names; NaN where there is none. begins: index of the first imagined tick."""
+
+    begins: int
+    masks: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    reward: dict[str, list[float]] = field(default_factory=dict)
+    cont: dict[str, list[float]] = field(default_factory=dict)
+
+
+def ticks_around(bag: Path, at_s: float, seconds: float) -> tuple[list[BagTick], int]:
+    """(ticks of the episode that is on at `at_s` after the bag's first tick, index of that moment among them).
+
+    From `WARM_UP_S` before it to `seconds` after it. Raises BagError when the bag is over before.
+    """
+    found: list[BagTick] = []
+    begins = -1
+    first_ns = None
+    with open_bag(bag) as reader:
+        for tick in read_ticks(reader, bag, cameras=False):
+            first_ns = tick.stamp_ns if first_ns is None else first_ns
+            after_s = (tick.stamp_ns - first_ns) * 1e-9
+            assert tick.transition is not None
+            if tick.transition.is_first and after_s <= at_s:
+                found.clear()
+            if after_s > at_s + seconds or (tick.transition.is_first and after_s > at_s):
+                break
+            if begins < 0 and after_s >= at_s:
+                begins = len(found)
+            found.append(tick)
+    if begins < 0 or len(found) - begins < 2:
+        raise BagError(f'{bag}: no episode goes on after {at_s:.1f} s; see raw2drive bag info for its length')
+    skip = max(0, begins - round(WARM_UP_S * DECISION_HZ))
+    return found[skip:], begins - skip
+
+
+@torch.no_grad()
+def dream(trainer: PrivilegedTrainer, ticks: list[BagTick], begins: int, *, own_actions: bool = False) -> Dream:
+    """Filter all ticks; from `begins` on also imagine, on the recorded or on the policy's own actions."""
+    model, codec = trainer.model.eval(), MaskCodec(trainer.config.model)
+    actor = trainer.policy.actor.eval()
+    rssm = model.rssm
+    generator = torch.Generator().manual_seed(0)
+    believed, imagined = rssm.initial(1), rssm.initial(1)
+    found = Dream(begins)
+    for index, tick in enumerate(ticks):
+        assert tick.privileged is not None and tick.transition is not None
+        deep = torch.from_numpy(codec.unpack(codec.pack(tick.privileged.bev)[None])).float()
+        action = torch.zeros(1, ACTION_COUNT)
+        if tick.transition.action >= 0:
+            action[0, tick.transition.action] = 1.0
+        grid, vector = model.encode(deep, torch.from_numpy(tick.privileged.ego)[None])
+        deter = rssm.step_deter(believed, action)
+        post = rssm.posterior(deter, rssm.post_embed(model.embed(grid, vector)))
+        uniform = torch.rand(1, rssm.config.stoch + 1, generator=generator)
+        believed_before, believed = believed, State(deter, rssm.sample(post, uniform[:, :-1]))
+        if index >= begins:
+            start = believed_before if index == begins else imagined
+            if own_actions:
+                action = sample_one_hot(actor(start.feature), uniform[:, -1])
+            deter = rssm.step_deter(start, action)
+            imagined = State(deter, rssm.sample(rssm.prior(deter), uniform[:, :-1]))
+        _note(found, 'truth', codec, deep, tick.transition.reward, float(not tick.transition.is_terminal))
+        _note(found, 'posterior', codec, *_read(trainer, believed))
+        if index < begins:
+            _note(found, 'imagined', codec, torch.zeros_like(deep), float('nan'), float('nan'))
+        else:
+            _note(found, 'imagined', codec, *_read(trainer, imagined))
+    return found
+
+
+def _read(trainer: PrivilegedTrainer, state: State) -> tuple[Tensor, float, float]:
+    model, feature = trainer.model, state.feature
+    return torch.sigmoid(model.decoder(feature)), float(model.reward(feature)), float(model.cont(feature))
+
+
+def _note(found: Dream, name: str, codec: MaskCodec, deep: Tensor, reward: float, cont: float) -> None:
+    found.masks.setdefault(name, []).append(codec.to_image_order(deep.numpy())[0])
+    found.reward.setdefault(name, []).append(reward)
+    found.cont.setdefault(name, []).append(cont)
+
+
+def save_dream(target: Path, found: Dream, classes: list[str]) -> Path:
+    """An MP4 at half speed, from `SHOWN_BEFORE_S` before the first imagined tick on. Raises OSError."""
+    first = max(0, found.begins - round(SHOWN_BEFORE_S * DECISION_HZ))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with mp4(target, *SIZE, RATE) as append:
+        for index in range(first, len(found.masks['truth'])):
+            append(_picture(found, classes, first, index))
+    return target
+
+
+def _picture(found: Dream, classes: list[str], first: int, index: int) -> Rgb:
+    canvas = canvas_of(*SIZE)
+    dreaming = index >= found.begins
+    titles = {'truth': 'truth', 'posterior': 'posterior', 'imagined': 'imagined' if dreaming else ''}
+    for column, (name, title) in enumerate(titles.items()):
+        left, top = GAP + column * (SIDE + GAP), GAP + 20
+        text(canvas, title, (left, GAP + 8))
+        if name == 'imagined' and not dreaming:
+            continue
+        put(canvas, colour_masks(found.masks[name][index], classes), left, top, SIDE, SIDE, smooth=False)
+        colour = RED if name == 'imagined' else GREEN if name == 'posterior' else FRAME
+        cv2.rectangle(canvas, (left, top), (left + SIDE - 1, top + SIDE - 1), colour, BORDER)
+    moment = (index - found.begins) / DECISION_HZ
+    text(canvas, f'{moment:+.1f} s', (SIZE[0] - 70, GAP + 8), colour=RED if dreaming else GREEN)
+    top = 2 * GAP + 24 + SIDE
+    _curves(canvas, 'reward', found.reward, first, index, top)
+    _curves(canvas, 'continue', found.cont, first, index, top + PLOT_PX + 2 * GAP, (0.0, 1.05))
+    return canvas
+
+
+def _curves(
+    canvas: Rgb,
+    title: str,
+    series: dict[str, list[float]],
+    first: int,
+    index: int,
+    top: int,
+    span: tuple[float, float] | None = None,
+) -> None:
+    """Recorded (white), read from the posterior (green) and from the imagination (red), up to the tick shown."""
+    left, width = GAP, SIZE[0] - 2 * GAP
+    values = np.array([series[name][first:] for name in ('truth', 'posterior', 'imagined')])
+    low, high = span or (float(np.nanmin(values)) - 0.1, float(np.nanmax(values)) + 0.1)
+    cv2.rectangle(canvas, (left, top), (left + width, top + PLOT_PX), FRAME, 1)
+    text(canvas, f'{title} {low:.1f} to {high:.1f}', (left + 4, top - 4))
+    x = left + np.arange(values.shape[1]) * width / max(1, values.shape[1] - 1)
+    for row, colour in zip(values, (WHITE, GREEN, RED), strict=True):
+        there = np.flatnonzero(np.isfinite(row[: index - first + 1]))
+        y = top + PLOT_PX - (row[there] - low) / max(high - low, 1e-6) * PLOT_PX
+        cv2.polylines(canvas, [np.stack([x[there], y], 1).astype(np.int32)], False, colour, 1, cv2.LINE_AA)

@@ -1,0 +1,46 @@
+"""The video of what a world model imagines: the right moment, the right episode, nothing made up before it."""
+
+import av
+import numpy as np
+import pytest
+
+from raw2drive_ros.cli.main import main
+from raw2drive_ros.recording.bag_reader import BagError
+from raw2drive_ros.report.dream import SIZE, dream, save_dream, ticks_around
+from raw2drive_ros.training.run import load_teacher
+
+
+def test_imagination_begins_at_the_moment_and_filtering_goes_on(bag, teacher_run, tmp_path) -> None:
+    ticks, begins = ticks_around(bag, 3.0, 1.0)
+    assert (begins, len(ticks)) == (30, 41), 'ten ticks a second, all of one episode'
+    trainer = load_teacher(teacher_run)
+    found = dream(trainer, ticks, begins)
+    assert np.isnan(found.reward['imagined'][begins - 1]) and np.isfinite(found.reward['imagined'][begins:]).all()
+    assert np.isfinite(found.reward['posterior']).all()
+    assert found.reward['truth'] == [tick.transition.reward for tick in ticks]
+    target = save_dream(tmp_path / 'dream.mp4', found, list(trainer.config.model.mask_classes))
+    with av.open(str(target)) as video:
+        frames = [frame.to_ndarray(format='rgb24') for frame in video.decode(video=0)]
+    assert len(frames) == 20 + 11
+    assert frames[0].shape == (SIZE[1], SIZE[0], 3)
+    assert np.abs(frames[0].astype(int) - frames[-1]).max() > 50
+
+
+def test_own_actions_lead_elsewhere_than_the_recorded_ones(bag, teacher_run) -> None:
+    ticks, begins = ticks_around(bag, 3.0, 1.0)
+    trainer = load_teacher(teacher_run)
+    recorded, own = (dream(trainer, ticks, begins, own_actions=own) for own in (False, True))
+    assert recorded.reward['posterior'] == own.reward['posterior']
+    assert not np.array_equal(recorded.masks['imagined'][-1], own.masks['imagined'][-1])
+
+
+def test_a_moment_after_the_end_or_in_the_last_tick_of_an_episode_is_a_clear_error(bag) -> None:
+    for at_s in (500.0, 5.95):
+        with pytest.raises(BagError, match='no episode goes on'):
+            ticks_around(bag, at_s, 1.0)
+
+
+def test_the_command_says_what_is_wrong(bag, teacher_run, capsys) -> None:
+    assert main(['dream', str(bag), '--at', '-1', '--run', str(teacher_run)]) == 2
+    assert main(['dream', str(bag), '--at', '1', '--run', str(teacher_run), '--out', 'x.gif']) == 2
+    assert 'mp4' in capsys.readouterr().err
