@@ -131,7 +131,13 @@ def test_a_signal_ends_the_demo_quickly_without_orphans_and_with_a_closed_bag(bu
     out = tmp_path / 'demo'
     command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'demo', '--bundle', str(bundle), '--out', str(out)]
     process = subprocess.Popen(
-        command, cwd=ROOT, stderr=subprocess.PIPE, start_new_session=True, env=os.environ | {'PYTHONUNBUFFERED': '1'}
+        command,
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        env=os.environ | {'PYTHONUNBUFFERED': '1'},
+        # Shells start background jobs with SIGINT ignored, which children inherit: tests may run in one.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     progress = out / 'progress.jsonl'
     deadline = time.monotonic() + 60
