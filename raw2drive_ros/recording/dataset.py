@@ -36,7 +36,7 @@ from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.config import ModelConfig
 
-CACHE_VERSION = 3
+CACHE_VERSION = 4
 ARRAYS = ('masks', 'ego', 'vector', 'action', 'reward', 'flags')
 FIRST, TERMINAL, LAST = 1, 2, 4
 

@@ -37,16 +37,16 @@ class MaskCodec:
         return (np.stack(small) >= 127).astype(np.uint8)
 
     def pack(self, bev: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        """(43, 128, 128) -> (packed_bytes,), in space-to-depth order."""
+        """(43, 128, 128) -> (packed_bytes,), cell by cell, each with its C*P*P space-to-depth channels."""
         masks = self.merge(bev)
         g, p = self.grid, self.patch
-        deep = masks.reshape(len(masks), g, p, g, p).transpose(0, 2, 4, 1, 3)
+        deep = masks.reshape(len(masks), g, p, g, p).transpose(1, 3, 0, 2, 4)
         return np.packbits(deep.reshape(-1))
 
     def unpack(self, packed: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(N, packed_bytes) -> (N, C*P*P, G, G) 0/1."""
+        """(N, packed_bytes) -> (N, C*P*P, G, G) 0/1, channels last in memory, where convolutions are faster."""
         bits = np.unpackbits(packed, axis=1)
-        return bits.reshape(len(packed), self.channels, self.grid, self.grid)
+        return bits.reshape(len(packed), self.grid, self.grid, self.channels).transpose(0, 3, 1, 2)
 
     def to_image_order(self, deep: NDArray[np.float32]) -> NDArray[np.float32]:
         """(N, C*P*P, G, G) -> (N, C, size, size), for pictures."""

@@ -35,6 +35,11 @@ def decoded(count: int, share: float, generator: torch.Generator) -> slice | Ten
     return torch.randperm(count, generator=generator)[: max(1, round(share * count))]
 
 
+def picked(masks: Tensor, shown: slice | Tensor) -> Tensor:
+    """Rows of (N, C, G, G) masks, channels last in memory as they were."""
+    return masks.permute(0, 2, 3, 1)[shown].permute(0, 3, 1, 2)
+
+
 def demonstrations(states: State, batch: Batch) -> tuple[Tensor, Tensor]:
     """(N, F) features of filtered states in the expert's bags, and the (N, A) actions that it took in them."""
     stays = ~batch.is_first[:, 1:] & batch.expert[:, None] & (batch.action[:, 1:].sum(-1) > 0)
@@ -90,7 +95,7 @@ class PrivilegedTrainer:
         feature = states.feature
         flat = feature.flatten(0, 1)
         shown = decoded(b * t, self.config.train.decode_share, self.generator)
-        masks = mask_loss(self.model.decoder(flat[shown]), batch.masks.flatten(0, 1)[shown])
+        masks = mask_loss(self.model.decoder(flat[shown]), picked(batch.masks.flatten(0, 1), shown))
         ego_error = self.model.decoder.ego(flat) - symlog(batch.ego.flatten(0, 1))
         losses = {
             'masks': masks,

@@ -19,7 +19,7 @@ from raw2drive_ros.training.imagination import (
     update_policy,
 )
 from raw2drive_ros.training.optimiser import Optimiser
-from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer, decoded, dynamics_losses
+from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer, decoded, dynamics_losses, picked
 from raw2drive_ros.training.replay import Batch
 from raw2drive_ros.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
@@ -80,7 +80,7 @@ class RawTrainer:
         dyn, rep = dynamics_losses(pair.raw_post, prior, self.config.train.free_nats)
         flat = pair.raw.feature.flatten(0, 1)
         shown = decoded(b * t, self.config.train.decode_share, self.generator)
-        masks = mask_loss(self.model.decoder(flat[shown]), batch.masks.flatten(0, 1)[shown])
+        masks = mask_loss(self.model.decoder(flat[shown]), picked(batch.masks.flatten(0, 1), shown))
         ego_error = self.model.decoder.ego(flat) - symlog(batch.ego.flatten(0, 1))
         losses = {
             'masks': masks,

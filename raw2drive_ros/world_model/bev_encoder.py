@@ -58,6 +58,8 @@ class BevDecoder(nn.Module):
 
     def forward(self, feature: Tensor) -> Tensor:
         x = self.seed(feature).view(feature.shape[0], -1, self.grid, self.grid)
+        # As the masks lie in memory: the loss compares the two element by element.
+        x = x.contiguous(memory_format=torch.channels_last)
         return self.out(nn.functional.silu(self.body(self.widen(nn.functional.silu(x)))))
 
     def ego(self, feature: Tensor) -> Tensor:

@@ -97,7 +97,7 @@ class _MaskLoss(torch.autograd.Function):
         # Probability of what is there: p where y is 1, 1 - p where it is 0.
         right = (probability + masks).sub_(1.0).abs_().clamp_(min=SMALLEST)
         ctx.save_for_backward(probability.sub_(masks))
-        return right.log_().flatten(1).sum(1).neg_()
+        return right.log_().sum(tuple(range(1, right.dim()))).neg_()
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
