@@ -1,0 +1,104 @@
+"""One stage-1 step (world model and behaviour) of a preset on random data, and what each lever is worth.
+
+Variants take turns, so that a busy machine slows all of them; least and median wall time, and the ratio of the least.
+
+python -m benchmarks.training_step [--preset laptop] [--threads 2] [--samples 6]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+os.environ.setdefault('THP_MEM_ALLOC_ENABLE', '1')
+
+import torch
+
+from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.training import privileged
+from raw2drive_ros.training.config import make_config
+from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer
+from raw2drive_ros.training.replay import Batch
+from raw2drive_ros.world_model.rssm import Rssm
+
+MASK_SHARE = 0.1
+
+
+def random_batch(trainer: PrivilegedTrainer) -> Batch:
+    t, m = trainer.config.train, trainer.config.model
+    b, length, channels = t.batch, t.length, len(m.mask_classes) * m.patch**2
+    masks = (torch.rand(b, length, m.grid, m.grid, channels) < MASK_SHARE).float().permute(0, 1, 4, 2, 3)
+    action = torch.nn.functional.one_hot(torch.randint(0, ACTION_COUNT, (b, length)), ACTION_COUNT).float()
+    first = torch.zeros(b, length, dtype=torch.bool)
+    first[:, 0] = True
+    ones = torch.ones(b, length)
+    ego, vector = torch.rand(b, length, EGO_SIZE), torch.zeros(b, length, 1)
+    return Batch(masks, ego, vector, action, ones, ones, first, torch.zeros(b, dtype=torch.bool), None)
+
+
+def plain_mask_loss(logits: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
+    loss = torch.nn.functional.binary_cross_entropy_with_logits(logits, masks, reduction='none')
+    return loss.sum((1, 2, 3))
+
+
+@contextmanager
+def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
+    before = getattr(owner, name)
+    setattr(owner, name, value)
+    try:
+        yield
+    finally:
+        setattr(owner, name, before)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--preset', default='laptop')
+    parser.add_argument('--threads', type=int, default=2)
+    parser.add_argument('--samples', type=int, default=6)
+    options = parser.parse_args()
+    torch.set_num_threads(options.threads)
+    torch.manual_seed(0)
+    trainer = PrivilegedTrainer(make_config(options.preset))
+    half = PrivilegedTrainer(make_config(options.preset, {'decode_share': 0.5}))
+    batch = random_batch(trainer)
+    rows = batch.masks.contiguous(memory_format=torch.contiguous_format)
+    contiguous = Batch(rows, *(getattr(batch, name) for name in Batch.__slots__[1:]))
+
+    def without(owner: Any, name: str, value: Any) -> Callable[[], None]:
+        def step() -> None:
+            with replaced(owner, name, value):
+                trainer.step(batch)
+
+        return step
+
+    cases: dict[str, Callable[[], Any]] = {
+        'as it is': lambda: trainer.step(batch),
+        'half of the states decoded': lambda: half.step(batch),
+        'weight gradients at every step of the loop': without(Rssm, 'maps', Rssm.plain_maps),
+        'binary cross-entropy by autograd': without(privileged, 'mask_loss', plain_mask_loss),
+        'masks channels first in memory': lambda: trainer.step(contiguous),
+    }
+    times: dict[str, list[float]] = {name: [] for name in cases}
+    for sample in range(options.samples + 1):
+        for name, step in cases.items():
+            started = time.perf_counter()
+            step()
+            if sample:
+                times[name].append((time.perf_counter() - started) * 1e3)
+    t = trainer.config.train
+    print(f'{options.preset}: batch {t.batch} x {t.length}, {t.starts} starts x {t.horizon}, {options.threads} threads')
+    print('| variant | least ms | median ms | steps/s | least, in ratio to "as it is" |\n|---|---|---|---|---|')
+    base = min(times['as it is'])
+    for name, found in times.items():
+        least = min(found)
+        print(f'| {name} | {least:.0f} | {statistics.median(found):.0f} | {1e3 / least:.1f} | {least / base:.2f} |')
+
+
+if __name__ == '__main__':
+    main()
