@@ -22,6 +22,7 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument('bundle', default_value=bundle, description='folder of the policy bundle'),
         DeclareLaunchArgument('scenario', default_value='LaneFollowing', description='scenario type'),
         DeclareLaunchArgument('seed', default_value='0', description='seed of the first route'),
+        DeclareLaunchArgument('weather', default_value='ClearNoon', description='weather preset of the cameras'),
         DeclareLaunchArgument('lock_step', default_value='true', description='wait for each command'),
         DeclareLaunchArgument('gate_clock', default_value='ros', description='ros in lock-step, else steady'),
         DeclareLaunchArgument('record', default_value='false', description='record everything'),
@@ -36,7 +37,9 @@ def generate_launch_description() -> LaunchDescription:
                 package='raw2drive_ros',
                 executable='bridge',
                 name='bridge',
-                parameters=[{'scenario': value('scenario'), 'seed': value('seed'), 'lock_step': value('lock_step')}],
+                parameters=[
+                    {name: value(name) for name in ('scenario', 'seed', 'weather', 'lock_step')},
+                ],
             ),
             Node(
                 package='raw2drive_ros',
