@@ -14,6 +14,7 @@ from raw2drive_ros.evaluation.drivers import SensorOnly
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.paths import default_bundle
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+from raw2drive_ros.simulation.route_id import RouteId
 
 
 def main() -> None:
@@ -26,7 +27,7 @@ def main() -> None:
         env = DrivingEnv(SimulationConfig(end_on_infraction=False))
         decide_ms: list[float] = []
         for seed in (0, 1):
-            decide_ms += drive_route(env, driver, 'LaneFollowing', seed, max_ticks=250).decide_ms[5:]
+            decide_ms += drive_route(env, driver, RouteId('LaneFollowing', seed), max_ticks=250).decide_ms[5:]
         p50, p99 = np.percentile(decide_ms, [50, 99])
         print(f'| {threads} | {p50:.1f} | {p99:.1f} | {len(decide_ms)} |')
 

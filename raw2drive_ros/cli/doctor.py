@@ -111,6 +111,7 @@ def _latency(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None:
     from raw2drive_ros.evaluation.episode import drive_route
     from raw2drive_ros.paths import default_bundle
     from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+    from raw2drive_ros.simulation.route_id import RouteId
 
     try:
         driver = RawDriver(load_bundle(bundle or default_bundle()))
@@ -118,7 +119,7 @@ def _latency(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None:
         problems.append(str(error))
         return None
     env = DrivingEnv(SimulationConfig(end_on_infraction=False))
-    drive = drive_route(env, SensorOnly(driver, cameras=True), 'LaneFollowing', 0, max_ticks=100)
+    drive = drive_route(env, SensorOnly(driver, cameras=True), RouteId('LaneFollowing', 0), max_ticks=100)
     p50, p99 = np.percentile(drive.decide_ms[5:], [50, 99])
     return {'images_to_command_p50': round(float(p50), 2), 'images_to_command_p99': round(float(p99), 2)}
 

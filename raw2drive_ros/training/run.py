@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -44,6 +46,17 @@ class RunFolder:
     @property
     def checkpoints(self) -> Path:
         return self.path / 'checkpoints'
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Two trainers in one folder would cut off each other's metrics and checkpoints."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        with (self.path / '.lock').open('w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise CheckpointError(f'{self.path}: another process is training there') from error
+            yield
 
     def save_config(self, config: RunConfig, facts: dict[str, Any]) -> None:
         self.path.mkdir(parents=True, exist_ok=True)
@@ -108,9 +121,27 @@ def train(
 ) -> Trainer:
     """Train `stage` in folder `run` up to `steps` gradient steps, resuming where the folder stopped.
 
-    A run that exists keeps its own preset; `overrides` apply on top of it (recorded in config.json).
+    A run that exists keeps its own preset; `overrides` apply on top of it (recorded in config.json). Raises
+    CheckpointError while another process trains in that folder.
     """
     folder = RunFolder(run)
+    with folder.alone():
+        return _train(stage, folder, bag_roots, cache, steps, preset, overrides, teacher_run, report, loading)
+
+
+def _train(
+    stage: str,
+    folder: RunFolder,
+    bag_roots: list[Path],
+    cache: Path,
+    steps: int,
+    preset: str,
+    overrides: dict[str, Any] | None,
+    teacher_run: Path | None,
+    report: Report,
+    loading: Callable[[int, int], None],
+) -> Trainer:
+    run = folder.path
     resumed = newest_checkpoint(folder.checkpoints)
     if resumed is not None:
         stored = read_run_config(run)

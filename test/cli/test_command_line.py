@@ -70,9 +70,11 @@ def test_collect_train_and_resume_from_the_command_line(tmp_path) -> None:
     assert '3 steps' in again.stdout, again.stderr
 
 
-def test_doctor_reports_transport_and_versions() -> None:
-    result = run_cli('doctor', '--json', '--quick')
+def test_doctor_reports_transport_versions_and_latency() -> None:
+    result = run_cli('doctor', '--json')
     body = json.loads(result.stdout)
     assert result.returncode == 0, result.stdout
     assert body['transport']['shipped_profile_in_force'] is True
     assert {'torch', 'rclpy', 'numpy', 'highway-env', 'rosbags'} <= set(body['versions'])
+    latency = body['latency_ms']
+    assert 0.0 < latency['images_to_command_p50'] <= latency['images_to_command_p99']

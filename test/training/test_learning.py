@@ -9,6 +9,7 @@ import torch
 
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
 from raw2drive_ros.evaluation.drivers import rule_episodes
+from raw2drive_ros.evaluation.table_actions import TableActions
 from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.recording.dataset import load_bags, rig_of
 from raw2drive_ros.recording.masks import MaskCodec
@@ -19,7 +20,7 @@ from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
-from raw2drive_ros.training.run import load_teacher, train
+from raw2drive_ros.training.run import RunFolder, load_teacher, train
 from raw2drive_ros.world_model.config import ConfigError
 from raw2drive_ros.world_model.rssm import State
 
@@ -195,3 +196,25 @@ def test_paper_preset_keeps_43_classes_and_takes_a_step_of_both_stages(tmp_path)
         metrics = trainer.step(batch)
         assert all(math.isfinite(value) for value in metrics.values()), metrics
         assert not torch.equal(before, next(trainer.model.decoder.parameters()))
+
+
+def test_two_trainers_cannot_share_a_run_folder(bags, workspace, tmp_path) -> None:
+    run = tmp_path / 'run'
+    with RunFolder(run).alone(), pytest.raises(CheckpointError, match='another process is training there'):
+        train('privileged', run, [bags], workspace / 'cache', 1, 'nano', NANO)
+    train('privileged', run, [bags], workspace / 'cache', 1, 'nano', NANO)
+
+
+def test_imitation_raises_the_likelihood_of_what_the_expert_did(workspace, tmp_path) -> None:
+    """Only its own bags count: those of the rule driver hold the same drives under another name."""
+    config = CollectConfig(('LaneFollowing',), ticks=120, episode_ticks=60, cameras=False)
+    losses = {}
+    for name in ('expert', 'rule'):
+        for _ in collect(tmp_path / name, config, TableActions(rule_episodes()), {'driver': name}):
+            pass
+        options = NANO | {'imitate': 1.0, 'log_every': 10, 'policy_lr': 3e-3}
+        train('privileged', tmp_path / f'run_{name}', [tmp_path / name], workspace / 'cache', 60, 'nano', options)
+        lines = (tmp_path / f'run_{name}' / 'metrics.jsonl').read_text().splitlines()
+        losses[name] = [json.loads(line).get('loss/imitation') for line in lines]
+    assert losses['expert'][-1] < 0.9 * losses['expert'][0]
+    assert losses['rule'] == [None] * 6
