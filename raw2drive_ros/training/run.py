@@ -125,23 +125,6 @@ def train(
     CheckpointError while another process trains in that folder.
     """
     folder = RunFolder(run)
-    with folder.alone():
-        return _train(stage, folder, bag_roots, cache, steps, preset, overrides, teacher_run, report, loading)
-
-
-def _train(
-    stage: str,
-    folder: RunFolder,
-    bag_roots: list[Path],
-    cache: Path,
-    steps: int,
-    preset: str,
-    overrides: dict[str, Any] | None,
-    teacher_run: Path | None,
-    report: Report,
-    loading: Callable[[int, int], None],
-) -> Trainer:
-    run = folder.path
     resumed = newest_checkpoint(folder.checkpoints)
     if resumed is not None:
         stored = read_run_config(run)
@@ -156,20 +139,21 @@ def _train(
     t = config.train
     length = t.raw_length if raw else t.length
     replay = Replay(bags, MaskCodec(config.model), length, t.terminal_share, t.seed)
-    if resumed is not None:
-        state = load_checkpoint(resumed, trainer, replay)
-        folder.truncate(trainer.steps)
-        if state['stage'] != stage:
-            raise CheckpointError(f'{run}: is a {state["stage"]} run, not a {stage} one')
-    folder.save_config(
-        config,
-        {
-            'stage': stage,
-            'teacher': str(teacher_run) if teacher_run else None,
-            'bags': [{'path': str(b.path), 'id': b.identity, 'ticks': len(b)} for b in bags],
-        },
-    )
-    _loop(trainer, replay, folder, steps, report, raw=raw)
+    with folder.alone():
+        if resumed is not None:
+            state = load_checkpoint(resumed, trainer, replay)
+            folder.truncate(trainer.steps)
+            if state['stage'] != stage:
+                raise CheckpointError(f'{run}: is a {state["stage"]} run, not a {stage} one')
+        folder.save_config(
+            config,
+            {
+                'stage': stage,
+                'teacher': str(teacher_run) if teacher_run else None,
+                'bags': [{'path': str(b.path), 'id': b.identity, 'ticks': len(b)} for b in bags],
+            },
+        )
+        _loop(trainer, replay, folder, steps, report, raw=raw)
     return trainer
 
 
