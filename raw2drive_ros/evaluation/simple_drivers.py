@@ -10,7 +10,7 @@ from raw2drive_ros.contract import Control
 from raw2drive_ros.evaluation.following import beside_route, leader, pedals, pursuit_steer
 from raw2drive_ros.simulation.actors import PathVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
-from raw2drive_ros.simulation.world import World
+from raw2drive_ros.simulation.world import DECISION_HZ, World
 
 CONSTANT_SPEED_MPS = 6.0
 MERGE_RATE_MPS = 1.2
@@ -37,7 +37,7 @@ class IdmMobil:
         if world.time_s - self.decided_s >= IDMVehicle.LANE_CHANGE_DELAY:
             self.decided_s = world.time_s
             self.target_m = self._choose(world)
-        step = MERGE_RATE_MPS / 10.0
+        step = MERGE_RATE_MPS / DECISION_HZ
         self.offset_m += min(max(self.target_m - self.offset_m, -step), step)
         acceleration = min(idm(world, self.offset_m), idm(world, self.target_m))
         return pedals(world, acceleration, pursuit_steer(world, offset_m=self.offset_m))

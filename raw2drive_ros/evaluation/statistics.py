@@ -159,7 +159,7 @@ def by_type(results: Results) -> dict[str, dict[str, float]]:
 
 def by_ability(results: Results) -> dict[str, dict[str, float]]:
     """Estimates of the success rate per ability, and `mean` over the five where all are driven; the rule is
-    `metrics.abilities_of`'s: for TrafficSign a failed drive counts too when it obeyed its signs."""
+    Bench2Drive's: for TrafficSign a failed drive counts too when it obeyed its signs."""
     known = load_scenarios()
     found: dict[str, dict[str, float]] = {}
     for ability in ABILITIES:
