@@ -60,6 +60,16 @@ def privileged_from_messages(bev: Any, ego: Any) -> PrivilegedFrame:
     return PrivilegedFrame(time_ns, bev_from_message(bev), vector).validate()
 
 
+def advice_to_message(factory: MessageFactory, action: int, time_ns: int) -> Any:
+    """The expert's action for the frame of that stamp."""
+    return named_values_to_message(factory, {'action': float(action)}, time_ns, BASE_FRAME)
+
+
+def advice_from_message(message: Any) -> tuple[int, int]:
+    """(stamp in ns, action). Raises ContractError where the field is missing."""
+    return stamp_ns(message.header.stamp), int(named_values_from_message(message, 'action')['action'])
+
+
 def transition_to_message(factory: MessageFactory, transition: Transition, episode: str) -> Any:
     """episode: 'scenario/seed', kept in the header's frame_id."""
     values = {

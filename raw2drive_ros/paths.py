@@ -10,3 +10,8 @@ from raw2drive_ros.world_model.config import preset_folder
 def default_bundle() -> Path:
     """The policy bundle that comes with the package."""
     return preset_folder() / 'bundles' / 'laptop'
+
+
+def default_teacher() -> Path:
+    """The privileged teacher that comes with the package."""
+    return preset_folder() / 'bundles' / 'teacher'

@@ -15,6 +15,7 @@ COMMAND = '/control/command'
 BEV = '/privileged/bev'
 EGO = '/privileged/ego'
 TRANSITION = '/privileged/transition'
+ADVICE = '/privileged/advice'
 DIAGNOSTICS = '/diagnostics'
 IMU_EXTRINSICS = '/sensing/imu/extrinsics'
 PRIVILEGED_PREFIX = '/privileged/'
@@ -41,7 +42,7 @@ def extrinsics_topic(camera: str) -> str:
 class TopicSpec:
     """One row: rate in Hz (0 = on change), QoS (reliable, latched, depth), publisher, and what it carries.
 
-    optional: published in place of another topic, when a parameter says so.
+    optional: not always there: in place of another topic when a parameter says so, or in collected bags only.
     """
 
     name: str
@@ -191,6 +192,17 @@ TOPICS: tuple[TopicSpec, ...] = (
         5,
         'bridge (training only)',
         'action, reward and its terms, is_first, is_terminal, is_last; frame_id holds scenario/seed',
+    ),
+    TopicSpec(
+        ADVICE,
+        'sensor_msgs/msg/JointState',
+        10,
+        True,
+        False,
+        5,
+        'collector',
+        'action that the expert would take now, whoever drives (`raw2drive collect --advice`)',
+        optional=True,
     ),
     TopicSpec(
         DIAGNOSTICS,

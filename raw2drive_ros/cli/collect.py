@@ -11,6 +11,7 @@ EXAMPLES = """examples:
   raw2drive collect --driver rule --noise 0.06 --ticks 30000 --out runs/bags/rule
   raw2drive collect --driver expert --table --routes all --no-cameras --ticks 40000 --out runs/bags/expert
   raw2drive collect --driver privileged --run runs/stage1 --noise 0.05 --ticks 8000 --seed 1 --out runs/bags/policy1
+  raw2drive collect --driver privileged --run runs/stage1 --advice --routes all --no-cameras --out runs/bags/policy2
 
 The bags hold the same topics as those of `raw2drive record`."""
 
@@ -27,6 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--noise', type=float, default=0.0, help='chance per tick of a burst of random actions')
     parser.add_argument(
         '--table', action='store_true', help="turn the driver's commands into actions of the policy's table of 39"
+    )
+    parser.add_argument(
+        '--advice', action='store_true', help='also write what the expert would do at every tick (as DAgger asks)'
     )
     parser.add_argument('--seed', type=int, default=0, help='another number draws other training routes')
     parser.add_argument('--weather', default=CLEAR, help='a weather preset, or cycle: another one every episode')
@@ -45,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.drivers import make_driver
     from raw2drive_ros.evaluation.routes import routes_of
-    from raw2drive_ros.evaluation.table_actions import TableActions
+    from raw2drive_ros.evaluation.table_actions import Advised, TableActions
     from raw2drive_ros.simulation.camera_rig import SIZES
 
     if options.size not in SIZES:
@@ -56,7 +60,9 @@ def run(options: argparse.Namespace) -> int:
     noise = 0.0 if options.table else options.noise
     driver = make_driver(options.driver, options.bundle, options.training_run, noise)
     if options.table:
-        driver = TableActions(driver, options.noise)
+        driver = TableActions(driver, options.noise, advises=options.driver == 'expert')
+    if options.advice and not (options.table and options.driver == 'expert'):
+        driver = Advised(driver, make_driver('expert'))
     config = CollectConfig(
         scenarios,
         options.ticks,
@@ -72,6 +78,7 @@ def run(options: argparse.Namespace) -> int:
         'noise': str(options.noise),
         'weather': options.weather,
         'table': str(options.table),
+        'advice': str(options.advice or (options.table and options.driver == 'expert')),
     }
     bags = set()
     with bar('collecting', options.ticks, 'ticks') as advance:

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.errors import UsageError
     from raw2drive_ros.report.dream import dream, save_dream, ticks_around
-    from raw2drive_ros.training.run import load_teacher
+    from raw2drive_ros.training.teacher import load_teacher
 
     if options.at < 0 or options.seconds <= 0:
         raise UsageError('--at: give 0 or more; --seconds: more than 0')

@@ -8,6 +8,7 @@ from typing import Any
 
 EXAMPLES = """examples:
   raw2drive train privileged --bags runs/bags --run runs/stage1 --steps 6000
+  raw2drive train privileged --recipe teacher --run runs/teacher --export params/bundles/teacher    (hours)
   raw2drive train raw --bags runs/bags --run runs/stage2 --teacher runs/stage1 --steps 3000 --export runs/bundle
   raw2drive train privileged --preset nano --steps 20 --bags bags --run runs/try    (seconds)
   raw2drive train raw ... --set weight_stoch=0    (an ablation: no stochastic alignment)
@@ -17,13 +18,17 @@ Called again with the same --run it goes on where it stopped, also after a kill.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('stage', choices=('privileged', 'raw'))
-    parser.add_argument('--bags', type=Path, nargs='+', required=True, help='bags, or folders of bags')
+    parser.add_argument('--bags', type=Path, nargs='+', help='bags, or folders of bags')
+    parser.add_argument(
+        '--recipe', help='instead of --bags and --steps: rounds of collecting and training (params/recipes, or a file)'
+    )
+    parser.add_argument('--workers', type=int, default=2, help='--recipe: processes that collect or validate at a time')
     parser.add_argument('--run', dest='training_run', type=Path, required=True, help='run folder')
     parser.add_argument('--steps', type=int, default=6000, help='gradient steps in all')
     parser.add_argument('--preset', default='laptop', help='nano, laptop or paper')
-    parser.add_argument('--teacher', type=Path, help='stage-1 run (stage raw)')
+    parser.add_argument('--teacher', type=Path, help='stage-1 run, checkpoint or teacher bundle (stage raw)')
     parser.add_argument('--cache', type=Path, default=Path('runs/cache'), help='where bags are unpacked to')
-    parser.add_argument('--export', type=Path, help='write a policy bundle here at the end (stage raw)')
+    parser.add_argument('--export', type=Path, help='write a bundle of the policy (of the teacher) here at the end')
     parser.add_argument('--set', action='append', default=[], metavar='FIELD=VALUE', help='override a training field')
 
 
@@ -48,13 +53,18 @@ def run(options: argparse.Namespace) -> int:
     os.environ.setdefault('THP_MEM_ALLOC_ENABLE', '1')
     from raw2drive_ros.cli.errors import UsageError
     from raw2drive_ros.cli.progress import bar
+    from raw2drive_ros.training.parallel import ranks_of_torchrun
     from raw2drive_ros.training.run import train
 
     if options.stage == 'raw' and options.teacher is None:
         raise UsageError('stage raw needs --teacher RUN, the folder of a stage-1 run')
-    if options.stage == 'privileged' and options.export is not None:
-        raise UsageError('--export makes a bundle of the raw policy; it goes with stage raw')
-    with bar(f'training {options.stage}', options.steps, 'steps') as advance:
+    if options.workers < 1:
+        raise UsageError('--workers: give 1 or more')
+    if options.recipe is not None:
+        return _run_recipe(options)
+    if options.bags is None:
+        raise UsageError('give --bags, or a --recipe that collects them')
+    with ranks_of_torchrun() as ranks, bar(f'training {options.stage}', options.steps, 'steps') as advance:
 
         def report(step: int, metrics: dict[str, float]) -> None:
             shown = ('loss/masks', 'loss/align_stoch', 'loss/reward', 'policy/reward', 'policy/entropy')
@@ -71,8 +81,13 @@ def run(options: argparse.Namespace) -> int:
             _overrides(options.set),
             options.teacher,
             report=report,
+            ranks=ranks,
         )
+    if not ranks.leads:
+        return 0
     print(f'{trainer.steps} steps in {options.training_run} (metrics.jsonl, pictures/, tensorboard/)')
+    if options.export is not None and options.stage == 'privileged':
+        return _export_teacher(options)
     if options.export is not None:
         from raw2drive_ros.training.export import export_bundle
 
@@ -83,4 +98,28 @@ def run(options: argparse.Namespace) -> int:
         print('next: the same command with --export DIR makes a policy bundle')
     else:
         print(f'next: raw2drive evaluate --driver privileged --run {options.training_run} --routes lane-following')
+    return 0
+
+
+def _run_recipe(options: argparse.Namespace) -> int:
+    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.cli.recipe import run_recipe
+    from raw2drive_ros.training.recipe import load_recipe
+
+    if options.stage != 'privileged' or options.bags is not None:
+        raise UsageError('--recipe collects its own bags, for stage privileged')
+    recipe = load_recipe(options.recipe)
+    run_recipe(recipe, options.training_run, options.cache, _overrides(options.set), options.workers)
+    if options.export is not None:
+        return _export_teacher(options)
+    print(f'next: raw2drive evaluate --driver privileged --run {options.training_run} --suite b2d220 --workers 2')
+    return 0
+
+
+def _export_teacher(options: argparse.Namespace) -> int:
+    from raw2drive_ros.training.teacher import run_facts, save_teacher
+
+    identity = save_teacher(options.export, options.training_run, run_facts(options.training_run))
+    print(f'teacher {identity} in {options.export}')
+    print(f'next: raw2drive evaluate --driver privileged --run {options.export} --suite b2d220 --workers 2')
     return 0

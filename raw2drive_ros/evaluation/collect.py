@@ -8,6 +8,7 @@ from pathlib import Path
 
 from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
+from msg_adapters.privileged import advice_to_message
 from raw2drive_ros import topics
 from raw2drive_ros.evaluation.drivers import EpisodeDriver
 from raw2drive_ros.evaluation.episode import as_received
@@ -89,6 +90,9 @@ def _episode(
             return ticks
         decision = driver.control(env, as_received(factory, tick), tick)
         bag.write(topics.COMMAND, tick.stamp_ns, decision_to_message(messages.factory, decision))
+        if 'advice' in decision.info:
+            advice = advice_to_message(messages.factory, decision.info['advice'], tick.stamp_ns)
+            bag.write(topics.ADVICE, tick.stamp_ns, advice)
         tick, *_ = env.step(decision.control)
 
 

@@ -94,7 +94,7 @@ class PrivilegedEpisodes:
     needs_cameras, needs_bev = False, True
 
     def __init__(self, run: Path, noise: float = 0.0) -> None:
-        from raw2drive_ros.training.run import load_teacher
+        from raw2drive_ros.training.teacher import load_teacher
 
         trainer = load_teacher(run)
         self.model, self.actor = trainer.model.eval(), trainer.policy.actor.eval()

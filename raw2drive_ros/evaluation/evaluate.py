@@ -60,10 +60,9 @@ class DriverSpec:
             weights = load_bundle(self.bundle).identity
         elif self.name == 'privileged' and self.run is not None:
             # Late: the bridge imports this module and trains nothing.
-            from raw2drive_ros.training.checkpoint import newest_checkpoint
+            from raw2drive_ros.training.teacher import teacher_identity
 
-            checkpoint = newest_checkpoint(self.run / 'checkpoints')
-            weights = f'{self.run} {checkpoint.name if checkpoint else ""}'
+            weights = teacher_identity(self.run)
         return ' '.join(filter(None, (self.name, weights, 'blind' if self.blind else '')))
 
 

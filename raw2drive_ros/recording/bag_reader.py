@@ -13,7 +13,7 @@ from rosbags.rosbag2.errors import ReaderError
 
 from msg_adapters.compressed import image_from_compressed_message
 from msg_adapters.factory import RosbagsFactory
-from msg_adapters.privileged import privileged_from_messages, transition_from_message
+from msg_adapters.privileged import advice_from_message, privileged_from_messages, transition_from_message
 from msg_adapters.sensors import (
     calibration_from_messages,
     image_from_message,
@@ -109,6 +109,15 @@ def read_calibrations(reader: Reader, factory: RosbagsFactory) -> tuple[CameraCa
         for camera in topics.CAMERAS
         if topics.camera_info_topic(camera) in first and topics.extrinsics_topic(camera) in first
     )
+
+
+def read_advice(reader: Reader, factory: RosbagsFactory) -> dict[int, int]:
+    """stamp -> the expert's action there, in bags that hold it."""
+    connections = [c for c in reader.connections if c.topic == topics.ADVICE]
+    if not connections:
+        return {}
+    messages = reader.messages(connections=connections)
+    return dict(advice_from_message(factory.deserialize(data, c.msgtype)) for c, _, data in messages)
 
 
 def camera_topics(reader: Reader) -> dict[str, str]:

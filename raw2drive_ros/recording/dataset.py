@@ -28,6 +28,7 @@ from raw2drive_ros.recording.bag_reader import (
     BagError,
     camera_topics,
     open_bag,
+    read_advice,
     read_calibrations,
     read_ticks,
     require_topics,
@@ -36,15 +37,18 @@ from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.config import ModelConfig
 
-CACHE_VERSION = 4
-ARRAYS = ('masks', 'ego', 'vector', 'action', 'reward', 'flags')
+CACHE_VERSION = 5
+ARRAYS = ('masks', 'ego', 'vector', 'action', 'advice', 'reward', 'flags')
 FIRST, TERMINAL, LAST = 1, 2, 4
+# What this driver did is what it would advise, in bags that hold no advice of their own.
+DEMONSTRATOR = 'expert'
 
 
 @dataclass(slots=True)
 class BagArrays:
     """One bag's ticks. masks: (N, bytes). ego: (N, 5). vector: (N, V). action: (N,) int64, -1 at the
-    first tick. reward: (N,). flags: (N,) bits FIRST, TERMINAL, LAST. images: (N, views, H, W, 3) or None.
+    first tick. advice: (N,) int64, what the expert would do AT that tick, -1 where it was not asked.
+    reward: (N,). flags: (N,) bits FIRST, TERMINAL, LAST. images: (N, views, H, W, 3) or None.
     driver: who drove, from the bag's provenance."""
 
     path: Path
@@ -53,6 +57,7 @@ class BagArrays:
     ego: NDArray[np.float32]
     vector: NDArray[np.float32]
     action: NDArray[np.int64]
+    advice: NDArray[np.int64]
     reward: NDArray[np.float32]
     flags: NDArray[np.uint8]
     images: NDArray[np.uint8] | None
@@ -118,7 +123,8 @@ def _fill(
     masks = np.zeros((count, codec.packed_bytes), np.uint8)
     ego = np.zeros((count, len(EGO_FIELDS)), np.float32)
     vector = np.zeros((count, VECTOR_SIZE), np.float32)
-    action = np.zeros(count, np.int64)
+    action, advice = np.zeros(count, np.int64), np.full(count, -1, np.int64)
+    advised = read_advice(reader, RosbagsFactory())
     reward = np.zeros(count, np.float32)
     flags = np.zeros(count, np.uint8)
     images: Any = None
@@ -132,6 +138,7 @@ def _fill(
         masks[n], ego[n] = codec.pack(tick.privileged.bev), tick.privileged.ego
         vector[n] = raw_vector(tick.imu, tick.odometry, progress)
         action[n], reward[n] = step.action, step.reward
+        advice[n] = advised.get(tick.stamp_ns, -1)
         flags[n] = FIRST * step.is_first + TERMINAL * step.is_terminal + LAST * step.is_last
         if step.is_first:
             episodes.append(tick.episode)
@@ -143,7 +150,10 @@ def _fill(
         n += 1
     if cameras and images is not None:
         images.flush()
-    for name, value in zip(ARRAYS, (masks, ego, vector, action, reward, flags), strict=True):
+    if not advised and provenance_of(path).get('driver') == DEMONSTRATOR:
+        same_episode = flags[1:n] & FIRST == 0
+        advice[: n - 1][same_episode] = action[1:n][same_episode]
+    for name, value in zip(ARRAYS, (masks, ego, vector, action, advice, reward, flags), strict=True):
         np.save(folder / f'{name}.npy', value[:n])
     return n, episodes
 

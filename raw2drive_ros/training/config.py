@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
+import torch
+from pydantic import Field, ValidationError, model_validator
+from torch import Tensor
 
 from raw2drive_ros.world_model.config import ConfigError, ModelConfig, Strict, load_preset
 
@@ -41,10 +43,16 @@ class TrainConfig(Strict):
         0.0, ge=0.0, description='weight of imitating the expert in its bags (stage 1; not in the paper)'
     )
     terminal_share: float = Field(0.3, description='share of sequences that hold a terminal step')
+    mask_weights: dict[str, float] = Field(
+        {}, description='weight of a mask class in the reconstruction loss; 1 where a class is not named'
+    )
     decode_share: float = Field(1.0, gt=0.0, le=1.0, description='share of the states whose masks are decoded a step')
     free_nats: float = 1.0
     weight_pred: float = 1.0
     weight_reward: float = 10.0
+    weight_advice: float = Field(
+        0.0, ge=0.0, description="of a world-model head that predicts the expert's action (stage 1; not in the paper)"
+    )
     weight_dyn: float = 1.0
     weight_rep: float = 0.1
     # Stage 2: rollout guidance (paper, section 3.3). A weight of 0 is an ablation.
@@ -71,6 +79,19 @@ class RunConfig(Strict):
     preset: str
     model: ModelConfig
     train: TrainConfig
+
+    @model_validator(mode='after')
+    def _known_mask_classes(self) -> RunConfig:
+        unknown = sorted(set(self.train.mask_weights) - set(self.model.mask_classes))
+        if unknown:
+            known = ', '.join(self.model.mask_classes)
+            raise ValueError(f'mask_weights: unknown class {", ".join(unknown)}; known: {known}')
+        return self
+
+    def channel_weights(self) -> Tensor:
+        """(C*P*P,) weights of the mask channels, in the order of `MaskCodec`."""
+        weights = [self.train.mask_weights.get(name, 1.0) for name in self.model.mask_classes]
+        return torch.tensor(weights).repeat_interleave(self.model.patch**2)
 
 
 def make_config(preset: str, overrides: dict[str, Any] | None = None) -> RunConfig:

@@ -9,7 +9,7 @@ from raw2drive_ros.driving.bundle import save_bundle
 from raw2drive_ros.recording.dataset import rig_of
 from raw2drive_ros.training.checkpoint import CheckpointError, load_weights, newest_checkpoint
 from raw2drive_ros.training.raw import RawTrainer
-from raw2drive_ros.training.run import load_teacher, read_run_config
+from raw2drive_ros.training.teacher import load_teacher, read_run_config
 
 
 def export_bundle(run: Path, target: Path) -> str:

@@ -10,6 +10,7 @@ Time line of a rollout of H steps, all (H + 1, N, ...) or (H, N, ...):
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -17,6 +18,7 @@ from torch import Tensor
 
 from raw2drive_ros.training.config import TrainConfig
 from raw2drive_ros.training.optimiser import Optimiser
+from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.world_model.actor_critic import Actor, Policy, lambda_returns
 from raw2drive_ros.world_model.distributions import sample_one_hot
 from raw2drive_ros.world_model.heads import ContinueHead, TwoHotHead
@@ -35,6 +37,14 @@ class Rollout:
     conts: Tensor
 
 
+Noise = Callable[[int, int], Tensor]
+
+
+def start_noise(starts: int, ranks: Ranks, generator: torch.Generator) -> Noise:
+    """noise(rows, width) -> uniforms; drawn for `starts` rows whatever `rows`, so that generators stay in step."""
+    return lambda rows, width: ranks.rand(max(starts, rows), width, generator=generator)[:rows]
+
+
 @torch.no_grad()
 def imagine(
     rssm: Rssm,
@@ -43,7 +53,7 @@ def imagine(
     reward: TwoHotHead,
     cont: ContinueHead,
     horizon: int,
-    generator: torch.Generator,
+    noise: Noise,
     guide: tuple[Rssm, Tensor] | None = None,
     *,
     shared_sample: bool = True,
@@ -51,6 +61,7 @@ def imagine(
 ) -> Rollout:
     """Roll the actor out in its own world model.
 
+    noise: see `start_noise`.
     guide: the privileged RSSM and its (N, D) deterministic state. It then runs in lock-step on the same
     actions and the same stochastic sample (paper, "Head Guidance"), and `reward` and `cont` read the
     privileged features; without a guide, or with `own_heads`, they read the actor's own.
@@ -60,9 +71,9 @@ def imagine(
     features, teachers, actions = [state.feature], [], []
     if teacher is not None:
         teachers.append(teacher.feature)
-    count, groups = state.deter.shape[0], rssm.config.stoch
+    groups = rssm.config.stoch
     for _ in range(horizon):
-        uniform = torch.rand(count, groups + 1, generator=generator)
+        uniform = noise(len(state.deter), groups + 1)
         action = sample_one_hot(actor(state.feature), uniform[:, -1])
         deter = rssm.step_deter(state, action)
         stoch = rssm.sample(rssm.prior(deter), uniform[:, :-1])
@@ -70,8 +81,8 @@ def imagine(
             teacher_deter = guide[0].step_deter(teacher, action)
             teacher_stoch = stoch
             if not shared_sample:
-                noise = torch.rand(count, groups, generator=generator)
-                teacher_stoch = guide[0].sample(guide[0].prior(teacher_deter), noise)
+                other = noise(len(state.deter), groups)
+                teacher_stoch = guide[0].sample(guide[0].prior(teacher_deter), other)
             teacher = State(teacher_deter, teacher_stoch)
             teachers.append(teacher.feature)
         state = State(deter, stoch)
@@ -83,14 +94,18 @@ def imagine(
     return Rollout(stacked, guided, torch.stack(actions), reward(judged[1:]), cont(judged[1:]))
 
 
-def policy_losses(policy: Policy, rollout: Rollout, config: TrainConfig) -> tuple[Tensor, Tensor, dict[str, float]]:
+def policy_losses(
+    policy: Policy, rollout: Rollout, config: TrainConfig, ranks: Ranks = ALONE
+) -> tuple[Tensor, Tensor, dict[str, float]]:
     """(actor loss, critic loss, metrics) of one rollout; gradients reach the policy only."""
     features = rollout.features
     with torch.no_grad():
         values = policy.critic(features)
         discounts = config.gamma * rollout.conts
         returns = lambda_returns(rollout.rewards, discounts, values, config.lambda_)
-        scale = policy.scale.update(returns)
+        spread = policy.scale.spread(returns)
+        ranks.mean_([spread])
+        scale = policy.scale.follow(spread)
         advantage = (returns - values[:-1]) / scale
         alive = torch.cat([torch.ones_like(discounts[:1]), discounts[:-1]])
         weight = torch.cumprod(alive, 0)
@@ -120,12 +135,13 @@ def distillation_loss(teacher: Tensor, student: Tensor) -> Tensor:
 
 
 def choose_starts(
-    states: State, extra: tuple[Tensor, ...], cont: Tensor, count: int, generator: torch.Generator
+    states: State, extra: tuple[Tensor, ...], cont: Tensor, count: int, ranks: Ranks, generator: torch.Generator
 ) -> tuple[State, tuple[Tensor, ...]]:
     """Up to `count` of the (B, T, ...) states that do not end an episode, flattened and detached."""
     flat = State(states.deter.detach().flatten(0, 1), states.stoch.detach().flatten(0, 1))
-    living = torch.nonzero(cont.flatten() > 0.5).squeeze(-1)
-    pick = living[torch.randperm(len(living), generator=generator)[:count]]
+    living = cont.flatten() > 0.5
+    order = ranks.rand(len(living), generator=generator).masked_fill(~living, 2.0).argsort()
+    pick = order[: min(count, int(living.sum()))]
     chosen = State(flat.deter[pick], flat.stoch[pick])
     return chosen, tuple(e.detach().flatten(0, 1)[pick] for e in extra)
 

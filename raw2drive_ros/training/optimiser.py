@@ -7,6 +7,8 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 
+from raw2drive_ros.training.parallel import ALONE, Ranks
+
 
 class NonFiniteError(FloatingPointError):
     """A loss or gradient became NaN or infinite; the weights are still those of the last good step."""
@@ -26,20 +28,29 @@ def decay_factor(step: int, total: int, share: float, end: float) -> float:
 
 class Optimiser:
     def __init__(
-        self, parameters: Iterable[nn.Parameter], lr: float, weight_decay: float, clip: float, warmup: int
+        self,
+        parameters: Iterable[nn.Parameter],
+        lr: float,
+        weight_decay: float,
+        clip: float,
+        warmup: int,
+        ranks: Ranks = ALONE,
     ) -> None:
         self.parameters = [p for p in parameters if p.requires_grad]
         self.adam = torch.optim.AdamW(self.parameters, lr, eps=1e-8, weight_decay=weight_decay, fused=True)
-        self.lr, self.clip, self.warmup = lr, clip, warmup
+        self.lr, self.clip, self.warmup, self.ranks = lr, clip, warmup, ranks
         self.steps = 0
 
     def step(self, loss: Tensor, factor: float = 1.0) -> float:
-        """Backward, clip, update; returns the gradient norm. factor: of the learning rate, see `decay_factor`.
+        """Backward, mean over the processes, clip, update; returns the gradient norm.
+
+        factor: of the learning rate, see `decay_factor`.
 
         Raises NonFiniteError before any change.
         """
         self.adam.zero_grad(set_to_none=True)
         loss.backward()
+        self.ranks.mean_([p.grad for p in self.parameters if p.grad is not None])
         norm = float(nn.utils.clip_grad_norm_(self.parameters, self.clip))
         if not norm < float('inf'):
             raise NonFiniteError(f'gradient norm {norm} at step {self.steps}, loss {float(loss.detach())}')

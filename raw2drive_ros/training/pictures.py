@@ -16,11 +16,14 @@ from raw2drive_ros.training.replay import Batch
 from raw2drive_ros.world_model.rssm import State
 
 CONTEXT = 5
+DREAM_TICKS = 10
 
 
 @torch.no_grad()
-def open_loop(trainer: PrivilegedTrainer | RawTrainer, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
-    """(reconstruction, open loop) mask probabilities (1, T, C*P*P, G, G) of a batch's first sequence.
+def open_loop(
+    trainer: PrivilegedTrainer | RawTrainer, batch: Batch, count: int = 1
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(reconstruction, open loop) mask probabilities (count, T, C*P*P, G, G) of a batch's first sequences.
 
     Open loop: posterior for `CONTEXT` steps, then the prior alone on the recorded actions.
     """
@@ -31,19 +34,38 @@ def open_loop(trainer: PrivilegedTrainer | RawTrainer, batch: Batch) -> tuple[to
         states = trainer.model_losses(batch)[1].raw
     rssm, decoder = trainer.model.rssm, trainer.model.decoder
     length = batch.action.shape[1]
-    features = [states.feature[:1, t] for t in range(min(CONTEXT, length))]
-    state = State(states.deter[:1, len(features) - 1], states.stoch[:1, len(features) - 1])
+    features = [states.feature[:count, t] for t in range(min(CONTEXT, length))]
+    state = State(states.deter[:count, len(features) - 1], states.stoch[:count, len(features) - 1])
     for t in range(len(features), length):
-        keep = (~batch.is_first[:1, t]).float().unsqueeze(-1)
+        keep = (~batch.is_first[:count, t]).float().unsqueeze(-1)
         state = State(state.deter * keep, state.stoch * keep)
-        deter = rssm.step_deter(state, batch.action[:1, t] * keep)
-        noise = torch.full((1, rssm.config.stoch), 0.5)
+        deter = rssm.step_deter(state, batch.action[:count, t] * keep)
+        noise = torch.full((len(keep), rssm.config.stoch), 0.5)
         state = State(deter, rssm.sample(rssm.prior(deter), noise))
         features.append(state.feature)
     trainer.generator.set_state(rng)
-    posterior = torch.sigmoid(decoder(states.feature[0]))
-    dreamed = torch.sigmoid(decoder(torch.cat(features)))
-    return posterior[None], dreamed[None]
+    shown = states.feature[:count]
+    posterior = torch.sigmoid(decoder(shown.flatten(0, 1))).unflatten(0, shown.shape[:2])
+    dreamed = torch.sigmoid(decoder(torch.stack(features, 1).flatten(0, 1))).unflatten(0, shown.shape[:2])
+    return posterior, dreamed
+
+
+def overlap_by_class(trainer: PrivilegedTrainer | RawTrainer, batch: Batch) -> dict[str, float]:
+    """Intersection over union of each mask class, pixels of the whole batch: `iou/<class>` of what is filtered, and
+    `iou_dream/<class>` of what is imagined `DREAM_TICKS` after the last frame that was seen. A class that is nowhere
+    in the batch is left out."""
+    posterior, dreamed = open_loop(trainer, batch, len(batch.action))
+    names = list(trainer.config.model.mask_classes)
+    found = {}
+    moment = CONTEXT - 1 + DREAM_TICKS
+    shown = {'iou': (posterior, batch.masks)}
+    if moment < dreamed.shape[1]:
+        shown['iou_dream'] = (dreamed[:, moment], batch.masks[:, moment])
+    for kind, (guess, truth) in shown.items():
+        here, there = (x.unflatten(-3, (len(names), -1)).movedim(-4, 0).flatten(1) > 0.5 for x in (guess, truth))
+        both, either = (here & there).sum(1), (here | there).sum(1)
+        found |= {f'{kind}/{name}': float(both[i] / either[i]) for i, name in enumerate(names) if there[i].any()}
+    return found
 
 
 def save_pictures(folder: Path, trainer: PrivilegedTrainer | RawTrainer, batch: Batch, codec: MaskCodec) -> Path:

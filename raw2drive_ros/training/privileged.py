@@ -10,8 +10,9 @@ from torch import Tensor
 from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.privileged_contract import EGO_FIELDS
 from raw2drive_ros.training.config import RunConfig
-from raw2drive_ros.training.imagination import choose_starts, imagine, policy_losses, update_policy
+from raw2drive_ros.training.imagination import choose_starts, imagine, policy_losses, start_noise, update_policy
 from raw2drive_ros.training.optimiser import Optimiser
+from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.replay import Batch
 from raw2drive_ros.world_model.actor_critic import Policy
 from raw2drive_ros.world_model.distributions import categorical_kl, mask_loss, symlog
@@ -28,11 +29,11 @@ def dynamics_losses(post: Tensor, prior: Tensor, free_nats: float) -> tuple[Tens
     return dyn, rep
 
 
-def decoded(count: int, share: float, generator: torch.Generator) -> slice | Tensor:
+def decoded(count: int, share: float, ranks: Ranks, generator: torch.Generator) -> slice | Tensor:
     """Which of `count` states have their masks decoded: all, or a random share (the decoder is the dearest part)."""
     if share >= 1.0:
         return slice(None)
-    return torch.randperm(count, generator=generator)[: max(1, round(share * count))]
+    return ranks.rand(count, generator=generator).argsort()[: max(1, round(share * count))]
 
 
 def picked(masks: Tensor, shown: slice | Tensor) -> Tensor:
@@ -41,9 +42,9 @@ def picked(masks: Tensor, shown: slice | Tensor) -> Tensor:
 
 
 def demonstrations(states: State, batch: Batch) -> tuple[Tensor, Tensor]:
-    """(N, F) features of filtered states in the expert's bags, and the (N, A) actions that it took in them."""
-    stays = ~batch.is_first[:, 1:] & batch.expert[:, None] & (batch.action[:, 1:].sum(-1) > 0)
-    return states.feature[:, :-1].detach()[stays], batch.action[:, 1:][stays]
+    """(N, F) features of the filtered states for which the expert was asked, and the (N, A) actions it advised."""
+    asked = batch.advice.sum(-1) > 0
+    return states.feature.detach()[asked], batch.advice[asked]
 
 
 class PrivilegedTrainer:
@@ -51,11 +52,12 @@ class PrivilegedTrainer:
 
     stage = 'privileged'
 
-    def __init__(self, config: RunConfig) -> None:
+    def __init__(self, config: RunConfig, ranks: Ranks = ALONE) -> None:
         train = config.train
         torch.manual_seed(train.seed)
-        self.config = config
-        self.model = PrivilegedWorldModel(config.model, EGO_SIZE, ACTION_COUNT)
+        self.config, self.ranks = config, ranks
+        self.channel_weights = config.channel_weights()
+        self.model = PrivilegedWorldModel(config.model, EGO_SIZE, ACTION_COUNT, advised=train.weight_advice > 0)
         self.policy = Policy(config.model, ACTION_COUNT)
         self.generator = torch.Generator().manual_seed(train.seed)
         self.steps = 0
@@ -63,13 +65,15 @@ class PrivilegedTrainer:
 
     def _make_optimisers(self) -> None:
         t = self.config.train
-        self.model_optimiser = Optimiser(self.model.parameters(), t.model_lr, t.weight_decay, t.model_clip, t.warmup)
+        self.model_optimiser = Optimiser(
+            self.model.parameters(), t.model_lr, t.weight_decay, t.model_clip, t.warmup, self.ranks
+        )
         self._make_policy_optimiser()
 
     def _make_policy_optimiser(self) -> None:
         t = self.config.train
         self.policy_optimiser = Optimiser(
-            self.policy.parameters(), t.policy_lr, t.weight_decay, t.policy_clip, t.warmup
+            self.policy.parameters(), t.policy_lr, t.weight_decay, t.policy_clip, t.warmup, self.ranks
         )
 
     def reset_policy(self) -> None:
@@ -82,7 +86,7 @@ class PrivilegedTrainer:
         b, t = batch.action.shape[:2]
         grid, vector = self.model.encode(batch.masks.flatten(0, 1), batch.ego.flatten(0, 1))
         embed = self.model.embed(grid, vector).view(b, t, -1)
-        uniform = torch.rand(b, t, self.config.model.stoch, generator=self.generator)
+        uniform = self.ranks.rand(b, t, self.config.model.stoch, generator=self.generator)
         states, post = self.model.rssm.observe(embed, batch.action, batch.is_first, uniform)
         return states, post, grid
 
@@ -94,8 +98,9 @@ class PrivilegedTrainer:
         dyn, rep = dynamics_losses(post, prior, self.config.train.free_nats)
         feature = states.feature
         flat = feature.flatten(0, 1)
-        shown = decoded(b * t, self.config.train.decode_share, self.generator)
-        masks = mask_loss(self.model.decoder(flat[shown]), picked(batch.masks.flatten(0, 1), shown))
+        shown = decoded(b * t, self.config.train.decode_share, self.ranks, self.generator)
+        truth = picked(batch.masks.flatten(0, 1), shown)
+        masks = mask_loss(self.model.decoder(flat[shown]), truth, self.channel_weights)
         ego_error = self.model.decoder.ego(flat) - symlog(batch.ego.flatten(0, 1))
         losses = {
             'masks': masks,
@@ -105,6 +110,12 @@ class PrivilegedTrainer:
             'dyn': dyn,
             'rep': rep,
         }
+        if self.model.advice is not None:
+            asked = batch.advice.sum(-1)
+            # Mean over the states for which the expert was asked.
+            share = asked.mean()
+            self.ranks.mean_([share])
+            losses['advice'] = -(self.model.advice(feature) * batch.advice).sum(-1) / share.clamp(min=1e-6)
         return losses, states
 
     def weigh(self, losses: dict[str, Tensor]) -> Tensor:
@@ -118,6 +129,8 @@ class PrivilegedTrainer:
             'dyn': t.weight_dyn,
             'rep': t.weight_rep,
         }
+        if self.model.advice is not None:
+            weights['advice'] = t.weight_advice
         if set(weights) != set(losses):
             raise KeyError(f'losses {sorted(losses)} do not match weights {sorted(weights)}')
         return torch.stack([weights[name] * losses[name].mean() for name in weights]).sum()
@@ -134,7 +147,7 @@ class PrivilegedTrainer:
             self.reset_policy()
         if self.steps > t.policy_after and self.steps % t.policy_every == 0:
             for _ in range(t.policy_updates):
-                start, _ = choose_starts(states, (), batch.cont, t.starts, self.generator)
+                start, _ = choose_starts(states, (), batch.cont, t.starts, self.ranks, self.generator)
                 metrics |= self.policy_step(start, factor, demonstrations(states, batch) if t.imitate else None)
         return metrics
 
@@ -150,9 +163,9 @@ class PrivilegedTrainer:
             self.model.reward,
             self.model.cont,
             t.horizon,
-            self.generator,
+            start_noise(t.starts, self.ranks, self.generator),
         )
-        actor, critic, metrics = policy_losses(self.policy, rollout, t)
+        actor, critic, metrics = policy_losses(self.policy, rollout, t, self.ranks)
         total = actor + critic
         if shown is not None and len(shown[0]):
             log_probs = (self.policy.actor(shown[0]) * shown[1]).sum(-1)

@@ -16,9 +16,11 @@ from raw2drive_ros.training.imagination import (
     distillation_loss,
     imagine,
     policy_losses,
+    start_noise,
     update_policy,
 )
 from raw2drive_ros.training.optimiser import Optimiser
+from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer, decoded, dynamics_losses, picked
 from raw2drive_ros.training.replay import Batch
 from raw2drive_ros.vector_layout import VECTOR_SIZE
@@ -38,10 +40,12 @@ class RawTrainer:
         teacher: PrivilegedTrainer,
         rig: Sequence[CameraCalibration],
         total_steps: int,
+        ranks: Ranks = ALONE,
     ) -> None:
         t = config.train
         torch.manual_seed(t.seed)
-        self.config, self.total_steps = config, total_steps
+        self.config, self.total_steps, self.ranks = config, total_steps, ranks
+        self.channel_weights = config.channel_weights()
         self.teacher = teacher.model.requires_grad_(False).eval()
         self.teacher_policy = teacher.policy.requires_grad_(False).eval()
         self.model = RawWorldModel(config.model, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT, tuple(t.raw_heads))
@@ -51,9 +55,11 @@ class RawTrainer:
             self.policy.load_state_dict(self.teacher_policy.state_dict())
         self.generator = torch.Generator().manual_seed(t.seed)
         self.steps = 0
-        self.model_optimiser = Optimiser(self.model.parameters(), t.model_lr, t.weight_decay, t.model_clip, t.warmup)
+        self.model_optimiser = Optimiser(
+            self.model.parameters(), t.model_lr, t.weight_decay, t.model_clip, t.warmup, ranks
+        )
         self.policy_optimiser = Optimiser(
-            self.policy.parameters(), t.policy_lr, t.weight_decay, t.policy_clip, t.warmup
+            self.policy.parameters(), t.policy_lr, t.weight_decay, t.policy_clip, t.warmup, ranks
         )
 
     def model_losses(self, batch: Batch) -> tuple[dict[str, Tensor], PairedRollout]:
@@ -65,7 +71,7 @@ class RawTrainer:
             embed = self.teacher.embed(grid, vector).view(b, t, -1)
         raw_grid, raw_vector = self.model.encode(batch.images.flatten(0, 1), batch.vector.flatten(0, 1))
         raw_embed = self.model.embed(raw_grid, raw_vector).view(b, t, -1)
-        uniform = torch.rand(b, t, self.config.model.stoch, generator=self.generator)
+        uniform = self.ranks.rand(b, t, self.config.model.stoch, generator=self.generator)
         pair = observe_pair(
             self.model.rssm,
             self.teacher.rssm,
@@ -79,8 +85,9 @@ class RawTrainer:
         prior = self.model.rssm.prior(pair.raw.deter)
         dyn, rep = dynamics_losses(pair.raw_post, prior, self.config.train.free_nats)
         flat = pair.raw.feature.flatten(0, 1)
-        shown = decoded(b * t, self.config.train.decode_share, self.generator)
-        masks = mask_loss(self.model.decoder(flat[shown]), picked(batch.masks.flatten(0, 1), shown))
+        shown = decoded(b * t, self.config.train.decode_share, self.ranks, self.generator)
+        truth = picked(batch.masks.flatten(0, 1), shown)
+        masks = mask_loss(self.model.decoder(flat[shown]), truth, self.channel_weights)
         ego_error = self.model.decoder.ego(flat) - symlog(batch.ego.flatten(0, 1))
         losses = {
             'masks': masks,
@@ -142,7 +149,9 @@ class RawTrainer:
     def policy_step(self, pair: PairedRollout, batch: Batch, factor: float = 1.0) -> dict[str, float]:
         """Actor-critic in the raw model's imagination, judged by the privileged heads in lock-step."""
         t = self.config.train
-        start, (guide_deter,) = choose_starts(pair.raw, (pair.privileged.deter,), batch.cont, t.starts, self.generator)
+        start, (guide_deter,) = choose_starts(
+            pair.raw, (pair.privileged.deter,), batch.cont, t.starts, self.ranks, self.generator
+        )
         own = not t.head_guidance and self.model.reward is not None and self.model.cont is not None
         rollout = imagine(
             self.model.rssm,
@@ -151,12 +160,12 @@ class RawTrainer:
             (self.model.reward if own and self.model.reward is not None else self.teacher.reward),
             (self.model.cont if own and self.model.cont is not None else self.teacher.cont),
             t.horizon,
-            self.generator,
+            start_noise(t.starts, self.ranks, self.generator),
             (self.teacher.rssm, guide_deter),
             shared_sample=t.sample_source != 'independent',
             own_heads=own,
         )
-        actor, critic, metrics = policy_losses(self.policy, rollout, t)
+        actor, critic, metrics = policy_losses(self.policy, rollout, t, self.ranks)
         assert rollout.teacher is not None
         with torch.no_grad():
             wanted = self.teacher_policy.actor(rollout.teacher)

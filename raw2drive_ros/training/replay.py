@@ -6,21 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.recording.dataset import FIRST, TERMINAL, BagArrays
 from raw2drive_ros.recording.masks import MaskCodec
-
-# Whose bags the policy may imitate (`TrainConfig.imitate`).
-DEMONSTRATOR = 'expert'
+from raw2drive_ros.training.parallel import ALONE, Ranks
 
 
 @dataclass(slots=True)
 class Batch:
     """masks: (B, T, C*P*P, G, G) float. ego: (B, T, 5). vector: (B, T, V). action: (B, T, A) one-hot of the
     action that LED to step t (zero at the first). reward, cont: (B, T), of arriving at t. is_first: (B, T)
-    bool. expert: (B,) bool, whether the sequence is a demonstration. images: (B, T, views, H, W, 3) uint8 or None.
+    bool. advice: (B, T, A) one-hot of what the expert would do AT step t, zero where
+    it was not asked. images: (B, T, views, H, W, 3) uint8 or None.
 
         t          0        1        2
         obs        o0       o1       o2
@@ -36,7 +36,7 @@ class Batch:
     reward: Tensor
     cont: Tensor
     is_first: Tensor
-    expert: Tensor
+    advice: Tensor
     images: Tensor | None
 
 
@@ -66,16 +66,16 @@ class Replay:
         start = flat - (int(self.cumulative[index - 1]) if index else 0)
         return self.bags[index], start
 
-    def sample(self, batch: int, *, images: bool = False) -> Batch:
-        """A batch of `batch` sequences; `images` reads camera frames too."""
-        picks = [self._start() for _ in range(batch)]
+    def sample(self, batch: int, *, images: bool = False, ranks: Ranks = ALONE) -> Batch:
+        """A batch of `batch` sequences; `images` reads camera frames too. ranks: this process's rows of all picks."""
+        picks = [self._start() for _ in range(batch * ranks.count)][ranks.rows(batch)]
         slices = [(bag, slice(start, start + self.length)) for bag, start in picks]
         packed = np.concatenate([bag.masks[s] for bag, s in slices])
         deep = self.codec.unpack(packed)
         flags = np.stack([bag.flags[s] for bag, s in slices])
-        action = torch.from_numpy(np.stack([bag.action[s] for bag, s in slices]))
-        one_hot = torch.nn.functional.one_hot(action.clamp(min=0), ACTION_COUNT).float()
-        one_hot[action < 0] = 0.0
+        action, advice = (
+            _one_hot(np.stack([getattr(bag, name)[s] for bag, s in slices])) for name in ('action', 'advice')
+        )
         frames = None
         if images:
             frames = torch.from_numpy(np.stack([bag.images[s] for bag, s in slices if bag.images is not None]))
@@ -83,10 +83,18 @@ class Replay:
             torch.from_numpy(deep).float().view(batch, self.length, *deep.shape[1:]),
             torch.from_numpy(np.stack([bag.ego[s] for bag, s in slices])),
             torch.from_numpy(np.stack([bag.vector[s] for bag, s in slices])),
-            one_hot,
+            action,
             torch.from_numpy(np.stack([bag.reward[s] for bag, s in slices])),
             torch.from_numpy(1.0 - ((flags & TERMINAL) > 0).astype(np.float32)),
             torch.from_numpy((flags & FIRST) > 0),
-            torch.tensor([bag.driver == DEMONSTRATOR for bag, _ in slices]),
+            advice,
             frames,
         )
+
+
+def _one_hot(actions: NDArray[np.int64]) -> Tensor:
+    """(...) -> (..., A), zero where there is no action (-1)."""
+    index = torch.from_numpy(actions)
+    one_hot = torch.nn.functional.one_hot(index.clamp(min=0), ACTION_COUNT).float()
+    one_hot[index < 0] = 0.0
+    return one_hot

@@ -7,7 +7,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,16 +22,17 @@ from raw2drive_ros.training.checkpoint import (
     CheckpointError,
     Trainer,
     load_checkpoint,
-    load_weights,
     newest_checkpoint,
     save_checkpoint,
 )
 from raw2drive_ros.training.config import RunConfig, make_config
 from raw2drive_ros.training.optimiser import decay_factor
-from raw2drive_ros.training.pictures import save_pictures
+from raw2drive_ros.training.parallel import ALONE, Ranks
+from raw2drive_ros.training.pictures import overlap_by_class, save_pictures
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
+from raw2drive_ros.training.teacher import load_teacher, read_run_config
 
 Report = Callable[[int, dict[str, float]], None]
 
@@ -81,25 +82,6 @@ class RunFolder:
             file.write_text(''.join(line + '\n' for line in kept))
 
 
-def read_run_config(run: Path) -> RunConfig:
-    """The configuration of an existing run. Raises CheckpointError."""
-    try:
-        return RunConfig(**json.loads((run / 'config.json').read_text())['config'])
-    except (OSError, ValueError, KeyError) as error:
-        raise CheckpointError(f'{run}: not a training run (config.json: {error})') from error
-
-
-def load_teacher(run: Path) -> PrivilegedTrainer:
-    """The newest privileged networks of a stage-1 run. Raises CheckpointError."""
-    config = read_run_config(run)
-    checkpoint = newest_checkpoint(run / 'checkpoints')
-    if checkpoint is None:
-        raise CheckpointError(f'{run}: has no checkpoint yet; run `raw2drive train privileged` first')
-    teacher = PrivilegedTrainer(config)
-    load_weights(checkpoint, teacher)
-    return teacher
-
-
 def set_threads(count: int) -> None:
     """Fixed threads make a run repeatable; huge pages halve the cost of large elementwise kernels."""
     os.environ.setdefault('THP_MEM_ALLOC_ENABLE', '1')
@@ -118,11 +100,13 @@ def train(
     *,
     report: Report = lambda step, metrics: None,
     loading: Callable[[int, int], None] = lambda done, total: None,
+    ranks: Ranks = ALONE,
 ) -> Trainer:
     """Train `stage` in folder `run` up to `steps` gradient steps, resuming where the folder stopped.
 
-    A run that exists keeps its own preset; `overrides` apply on top of it (recorded in config.json). Raises
-    CheckpointError while another process trains in that folder.
+    A run that exists keeps its own preset; `overrides` apply on top of it (recorded in config.json).
+    ranks: the processes of `torchrun`, each with a batch of its own. Raises CheckpointError while another run
+    trains in that folder.
     """
     folder = RunFolder(run)
     resumed = newest_checkpoint(folder.checkpoints)
@@ -134,49 +118,57 @@ def train(
     set_threads(config.train.threads)
     paths = find_bags(bag_roots)
     raw = stage == 'raw'
+    if not ranks.leads:
+        # The leading process builds the cache.
+        ranks.wait()
     bags = load_bags(paths, cache, config.model, cameras=raw, progress=loading)
-    trainer = _make_trainer(stage, config, bags, teacher_run, steps)
+    if ranks.leads:
+        ranks.wait()
+    trainer = _make_trainer(stage, config, bags, teacher_run, steps, ranks)
     t = config.train
     length = t.raw_length if raw else t.length
     replay = Replay(bags, MaskCodec(config.model), length, t.terminal_share, t.seed)
-    with folder.alone():
+    with folder.alone() if ranks.leads else nullcontext():
         if resumed is not None:
             state = load_checkpoint(resumed, trainer, replay)
-            folder.truncate(trainer.steps)
+            if ranks.leads:
+                folder.truncate(trainer.steps)
             if state['stage'] != stage:
                 raise CheckpointError(f'{run}: is a {state["stage"]} run, not a {stage} one')
-        folder.save_config(
-            config,
-            {
-                'stage': stage,
-                'teacher': str(teacher_run) if teacher_run else None,
-                'bags': [{'path': str(b.path), 'id': b.identity, 'ticks': len(b)} for b in bags],
-            },
-        )
-        _loop(trainer, replay, folder, steps, report, raw=raw)
+        facts = {
+            'stage': stage,
+            'teacher': str(teacher_run) if teacher_run else None,
+            'processes': ranks.count,
+            'bags': [{'path': str(b.path), 'id': b.identity, 'ticks': len(b)} for b in bags],
+        }
+        if ranks.leads:
+            folder.save_config(config, facts)
+        _loop(trainer, replay, folder, steps, report, ranks, raw=raw)
     return trainer
 
 
 def _make_trainer(
-    stage: str, config: RunConfig, bags: list[BagArrays], teacher_run: Path | None, steps: int
+    stage: str, config: RunConfig, bags: list[BagArrays], teacher_run: Path | None, steps: int, ranks: Ranks
 ) -> Trainer:
     if stage == 'privileged':
-        return PrivilegedTrainer(config)
+        return PrivilegedTrainer(config, ranks)
     if teacher_run is None:
         raise CheckpointError('stage raw needs the run of a privileged teacher (--teacher)')
     teacher = load_teacher(teacher_run)
     if teacher.config.model != config.model:
         raise CheckpointError(f'{teacher_run}: its model sizes differ from preset {config.preset}')
-    return RawTrainer(config, teacher, rig_of(bags[0].path), steps)
+    return RawTrainer(config, teacher, rig_of(bags[0].path), steps, ranks)
 
 
-def _loop(trainer: Trainer, replay: Replay, folder: RunFolder, steps: int, report: Report, *, raw: bool) -> None:
+def _loop(
+    trainer: Trainer, replay: Replay, folder: RunFolder, steps: int, report: Report, ranks: Ranks, *, raw: bool
+) -> None:
     t = trainer.config.train
     size = t.raw_batch if raw else t.batch
     sums: dict[str, list[float]] = {}
     started = time.perf_counter()
     while trainer.steps < steps:
-        batch = replay.sample(size, images=raw)
+        batch = replay.sample(size, images=raw, ranks=ranks)
         factor = decay_factor(trainer.steps, steps, t.decay_share, t.decay_end)
         metrics = trainer.step(batch, factor) | {'learning_rate/factor': factor}
         for name, value in metrics.items():
@@ -184,10 +176,20 @@ def _loop(trainer: Trainer, replay: Replay, folder: RunFolder, steps: int, repor
         if trainer.steps % t.log_every == 0 or trainer.steps == steps:
             means = {name: float(np.mean(values)) for name, values in sums.items()}
             means['time/step_s'] = (time.perf_counter() - started) / len(sums['grad/model'])
-            folder.log(trainer.steps, means)
-            report(trainer.steps, means)
+            means = _mean_over(ranks, means)
+            if ranks.leads:
+                folder.log(trainer.steps, means)
+                report(trainer.steps, means)
             sums, started = {}, time.perf_counter()
-        if trainer.steps % t.picture_every == 0 or trainer.steps == steps:
+        if ranks.leads and (trainer.steps % t.picture_every == 0 or trainer.steps == steps):
             save_pictures(folder.path / 'pictures', trainer, batch, replay.codec)
-        if trainer.steps % t.checkpoint_every == 0 or trainer.steps == steps:
+            folder.log(trainer.steps, overlap_by_class(trainer, batch))
+        if ranks.leads and (trainer.steps % t.checkpoint_every == 0 or trainer.steps == steps):
             save_checkpoint(folder.checkpoints, trainer, replay, {})
+
+
+def _mean_over(ranks: Ranks, metrics: dict[str, float]) -> dict[str, float]:
+    """Of all processes; they have the same names at the same step."""
+    values = torch.tensor(list(metrics.values()), dtype=torch.float64)
+    ranks.mean_([values])
+    return dict(zip(metrics, values.tolist(), strict=True))

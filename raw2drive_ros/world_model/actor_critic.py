@@ -62,9 +62,15 @@ class ReturnScale(nn.Module):
         self.register_buffer('low', torch.zeros(()))
         self.register_buffer('high', torch.zeros(()))
 
+    @staticmethod
     @torch.no_grad()
-    def update(self, returns: Tensor) -> Tensor:
-        quantiles = torch.quantile(returns.flatten(), torch.tensor([0.05, 0.95]))
+    def spread(returns: Tensor) -> Tensor:
+        """(2,) 5 % and 95 % quantiles."""
+        return torch.quantile(returns.flatten(), torch.tensor([0.05, 0.95]))
+
+    @torch.no_grad()
+    def follow(self, quantiles: Tensor) -> Tensor:
+        """The scale after the averages have moved towards new quantiles."""
         self.low.lerp_(quantiles[0], self.rate)
         self.high.lerp_(quantiles[1], self.rate)
         return (self.high - self.low).clamp(min=1.0)

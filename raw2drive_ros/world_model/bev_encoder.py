@@ -12,6 +12,8 @@ from torch import Tensor, nn
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.layers import Conv, Dense, Linear
 
+EMPTY_LOGIT = -4.0
+
 
 class Residual(nn.Module):
     """A 3x3 and a 1x1 convolution around a skip; two 3x3 cost nearly twice as much on a CPU."""
@@ -50,17 +52,25 @@ class BevDecoder(nn.Module):
         self.grid = c.grid
         # Half of e_t's features per cell: this linear layer is the largest one of the whole model.
         seed_features = c.grid_features // 2
-        self.seed = Linear(c.feature_size, c.grid * c.grid * seed_features)
-        self.widen = Conv(seed_features, c.encoder_width, 1)
+        # A grid latent is where it belongs already; only the deterministic state has to be spread over the cells.
+        self.deter = c.deter if c.latent == 'grid' else c.feature_size
+        placed = c.stoch_size // c.grid**2 if c.latent == 'grid' else 0
+        self.seed = Linear(self.deter, c.grid * c.grid * seed_features)
+        self.widen = Conv(seed_features + placed, c.encoder_width, 1)
         self.body = Residual(c.encoder_width)
         self.out = Conv(c.encoder_width, len(c.mask_classes) * c.patch * c.patch, 1)
+        # Most pixels of most classes are empty: without this the first hundred steps learn nothing but that.
+        nn.init.constant_(self.out.bias, EMPTY_LOGIT)
         self.vector = nn.Sequential(Dense(c.feature_size, c.units), Linear(c.units, vector_size))
 
     def forward(self, feature: Tensor) -> Tensor:
-        x = self.seed(feature).view(feature.shape[0], -1, self.grid, self.grid)
+        x = nn.functional.silu(self.seed(feature[:, : self.deter])).view(feature.shape[0], -1, self.grid, self.grid)
+        if self.deter < feature.shape[1]:
+            stoch = feature[:, self.deter :].view(feature.shape[0], self.grid, self.grid, -1).permute(0, 3, 1, 2)
+            x = torch.cat([x, stoch], 1)
         # As the masks lie in memory: the loss compares the two element by element.
         x = x.contiguous(memory_format=torch.channels_last)
-        return self.out(nn.functional.silu(self.body(self.widen(nn.functional.silu(x)))))
+        return self.out(nn.functional.silu(self.body(self.widen(x))))
 
     def ego(self, feature: Tensor) -> Tensor:
         return self.vector(feature)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from raw2drive_ros.bev_channels import CHANNELS
 
@@ -34,6 +34,10 @@ class ModelConfig(Strict):
     hidden: int = 256
     stoch: int = 32
     classes: int = 16
+    latent: Literal['flat', 'grid'] = Field(
+        'flat', description='grid: every cell of e_t has categoricals of its own; `stoch` is a multiple of grid ** 2'
+    )
+    cell_hidden: int = Field(16, description='width of the posterior per cell (latent grid)')
     blocks: int = 8
     units: int = 256
     head_layers: int = 2
@@ -51,6 +55,12 @@ class ModelConfig(Strict):
         if unknown:
             raise ValueError(f'unknown BEV channels: {", ".join(unknown)}')
         return value
+
+    @model_validator(mode='after')
+    def _cells_share_the_groups(self) -> ModelConfig:
+        if self.latent == 'grid' and self.stoch % self.grid**2:
+            raise ValueError(f'stoch {self.stoch} is not a multiple of the {self.grid**2} cells of a grid latent')
+        return self
 
     @property
     def grid(self) -> int:

@@ -82,9 +82,9 @@ def two_hot_loss(logits: Tensor, target: Tensor, bins: Tensor) -> Tensor:
     return -(two_hot(target, bins) * torch.log_softmax(logits, -1)).sum(-1)
 
 
-def mask_loss(logits: Tensor, masks: Tensor) -> Tensor:
-    """Binary cross-entropy of (N, C, H, W) logits with 0/1 masks, summed over C, H, W -> (N,)."""
-    return _MaskLoss.apply(logits, masks)
+def mask_loss(logits: Tensor, masks: Tensor, weights: Tensor | None = None) -> Tensor:
+    """Binary cross-entropy of (N, C, H, W) logits with 0/1 masks, summed over C, H, W -> (N,); weights: (C,)."""
+    return _MaskLoss.apply(logits, masks, weights)
 
 
 class _MaskLoss(torch.autograd.Function):
@@ -92,14 +92,18 @@ class _MaskLoss(torch.autograd.Function):
     passes over the largest tensors of a step three times more often."""
 
     @staticmethod
-    def forward(ctx: Any, logits: Tensor, masks: Tensor) -> Tensor:
+    def forward(ctx: Any, logits: Tensor, masks: Tensor, weights: Tensor | None) -> Tensor:
         probability = torch.sigmoid(logits)
         # Probability of what is there: p where y is 1, 1 - p where it is 0.
         right = (probability + masks).sub_(1.0).abs_().clamp_(min=SMALLEST)
-        ctx.save_for_backward(probability.sub_(masks))
-        return right.log_().sum(tuple(range(1, right.dim()))).neg_()
+        slope, right = probability.sub_(masks), right.log_()
+        if weights is not None:
+            per_channel = weights.view(1, -1, *[1] * (right.dim() - 2))
+            slope, right = slope.mul_(per_channel), right.mul_(per_channel)
+        ctx.save_for_backward(slope)
+        return right.sum(tuple(range(1, right.dim()))).neg_()
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:
         (slope,) = ctx.saved_tensors
-        return slope * gradient.view(-1, *[1] * (slope.dim() - 1)), None
+        return slope * gradient.view(-1, *[1] * (slope.dim() - 1)), None, None

@@ -48,6 +48,23 @@ class Maps:
     post_out: Map
 
 
+class CellEmbed(nn.Module):
+    """What each cell's posterior reads of an embedding (..., E*G*G + W): its own E features and the whole vector."""
+
+    def __init__(self, config: ModelConfig, hidden: int) -> None:
+        super().__init__()
+        self.shape = (config.grid_features, config.grid**2)
+        self.cell = Linear(config.grid_features, hidden)
+        self.vector = Linear(config.vector_features, hidden)
+
+    def forward(self, embed: Tensor) -> Tensor:
+        """(..., E*G*G + W) -> (..., G*G*hidden)."""
+        features, cells = self.shape
+        grid = embed[..., : features * cells].unflatten(-1, self.shape).transpose(-1, -2)
+        hidden = self.cell(grid) + self.vector(embed[..., features * cells :]).unsqueeze(-2)
+        return hidden.flatten(-2)
+
+
 class Rssm(nn.Module):
     def __init__(self, config: ModelConfig, embed_size: int, actions: int) -> None:
         super().__init__()
@@ -64,14 +81,21 @@ class Rssm(nn.Module):
         self.prior_net = nn.Sequential(
             Dense(c.deter, c.hidden), Dense(c.hidden, c.hidden), Linear(c.hidden, c.stoch_size)
         )
-        self.post_embed = Linear(embed_size, c.hidden)
-        self.post_deter = Linear(c.deter, c.hidden)
-        self.post_norm = RmsNorm(c.hidden)
-        self.post_out = Linear(c.hidden, c.stoch_size)
+        if c.latent == 'grid':
+            cells = c.grid**2
+            self.post_embed: nn.Module = CellEmbed(c, c.cell_hidden)
+            self.post_deter = Linear(c.deter, cells * c.cell_hidden)
+            self.post_norm = RmsNorm(c.cell_hidden)
+            self.post_out = Linear(c.cell_hidden, c.stoch_size // cells)
+        else:
+            self.post_embed = Linear(embed_size, c.hidden)
+            self.post_deter = Linear(c.deter, c.hidden)
+            self.post_norm = RmsNorm(c.hidden)
+            self.post_out = Linear(c.hidden, c.stoch_size)
 
     def initial(self, batch: int) -> State:
         c = self.config
-        device = self.post_embed.weight.device
+        device = self.post_out.weight.device
         return State(torch.zeros(batch, c.deter, device=device), torch.zeros(batch, c.stoch_size, device=device))
 
     def maps(self) -> Maps:
@@ -82,6 +106,9 @@ class Rssm(nn.Module):
         blocks = (self.core_hidden, self.core_gates)
         deter, stoch, post_deter, post_out = (DeferredLinear(layer.weight.t(), layer.bias) for layer in linear)
         hidden, gates = (DeferredLinear(layer.weight, layer.bias) for layer in blocks)
+        if self.config.latent == 'grid':
+            # A cell's map is small and has rows enough at every step.
+            return Maps(deter, stoch, hidden, gates, post_deter, self.post_out)
         return Maps(deter, stoch, hidden, gates, post_deter, post_out)
 
     def plain_maps(self) -> Maps:
@@ -117,8 +144,11 @@ class Rssm(nn.Module):
     def posterior(self, deter: Tensor, embed_hidden: Tensor, maps: Maps | None = None) -> Tensor:
         """(..., S, K) log-probabilities of q(s | h, e); `embed_hidden` is `post_embed(e)`."""
         to_hidden, to_logits = (maps.post_deter, maps.post_out) if maps else (self.post_deter, self.post_out)
-        hidden = nn.functional.silu(self.post_norm(to_hidden(deter) + embed_hidden))
-        return self._log_probs(to_logits(hidden))
+        hidden = to_hidden(deter) + embed_hidden
+        if self.config.latent == 'grid':
+            hidden = hidden.unflatten(-1, (-1, self.config.cell_hidden))
+            return self._log_probs(to_logits(nn.functional.silu(self.post_norm(hidden))).flatten(-2))
+        return self._log_probs(to_logits(nn.functional.silu(self.post_norm(hidden))))
 
     def _log_probs(self, logits: Tensor) -> Tensor:
         shape = (*logits.shape[:-1], self.config.stoch, self.config.classes)

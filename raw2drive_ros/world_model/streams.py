@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.bev_encoder import BevDecoder, BevEncoder
 from raw2drive_ros.world_model.camera_encoder import CameraEncoder
 from raw2drive_ros.world_model.config import ModelConfig
@@ -44,10 +45,13 @@ class WorldModel(nn.Module):
 
 
 class PrivilegedWorldModel(WorldModel):
-    def __init__(self, config: ModelConfig, ego_size: int, actions: int) -> None:
+    """advised: with a head that predicts the expert's action, whose gradient teaches the states what matters to it."""
+
+    def __init__(self, config: ModelConfig, ego_size: int, actions: int, *, advised: bool = False) -> None:
         super().__init__(config, BevEncoder(config), ego_size, ego_size, actions)
         self.reward = TwoHotHead(config, 1)
         self.cont = ContinueHead(config)
+        self.advice = Actor(config, actions) if advised else None
 
 
 class RawWorldModel(WorldModel):

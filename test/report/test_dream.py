@@ -7,7 +7,7 @@ import pytest
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.recording.bag_reader import BagError
 from raw2drive_ros.report.dream import SIZE, dream, save_dream, ticks_around
-from raw2drive_ros.training.run import load_teacher
+from raw2drive_ros.training.teacher import load_teacher
 
 
 def test_imagination_begins_at_the_moment_and_filtering_goes_on(bag, teacher_run, tmp_path) -> None:

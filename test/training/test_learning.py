@@ -15,12 +15,14 @@ from raw2drive_ros.recording.dataset import load_bags, rig_of
 from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.training.checkpoint import CheckpointError, newest_checkpoint
 from raw2drive_ros.training.config import make_config
-from raw2drive_ros.training.imagination import imagine
+from raw2drive_ros.training.imagination import imagine, start_noise
 from raw2drive_ros.training.optimiser import decay_factor
+from raw2drive_ros.training.parallel import ALONE
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
-from raw2drive_ros.training.run import RunFolder, load_teacher, train
+from raw2drive_ros.training.run import RunFolder, train
+from raw2drive_ros.training.teacher import load_teacher
 from raw2drive_ros.world_model.config import ConfigError
 from raw2drive_ros.world_model.rssm import State
 
@@ -83,6 +85,10 @@ def test_the_raw_stream_starts_as_the_privileged_one(replay, teacher_run, bag) -
     assert trainer.model.reward is None and trainer.model.cont is None
 
 
+def _noise():
+    return start_noise(4, ALONE, torch.Generator().manual_seed(1))
+
+
 def test_head_guidance_reads_the_privileged_features(replay, teacher_run, bag) -> None:
     """With equal weights and one shared sample both rollouts are equal; own deter states make them differ."""
     teacher = load_teacher(teacher_run)
@@ -90,9 +96,11 @@ def test_head_guidance_reads_the_privileged_features(replay, teacher_run, bag) -
     deter = torch.randn(4, trainer.config.model.deter)
     start = State(deter, torch.zeros(4, trainer.config.model.stoch_size))
     arguments = (trainer.model.rssm, trainer.policy.actor, start, teacher.model.reward, teacher.model.cont, 3)
-    same = imagine(*arguments, torch.Generator().manual_seed(1), (teacher.model.rssm, deter))
+    same = imagine(*arguments, _noise(), (teacher.model.rssm, deter))
     assert torch.equal(same.features, same.teacher)
-    other = imagine(*arguments, torch.Generator().manual_seed(1), (teacher.model.rssm, deter + 1.0))
+    other = imagine(
+        *arguments, start_noise(4, ALONE, torch.Generator().manual_seed(1)), (teacher.model.rssm, deter + 1.0)
+    )
     assert torch.equal(same.features, other.features)
     assert not torch.equal(same.teacher, other.teacher)
     assert torch.equal(

@@ -1,0 +1,152 @@
+"""Runs a training recipe: collect, train, validate, round by round; called again it goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from raw2drive_ros.cli.progress import bar
+from raw2drive_ros.training.checkpoint import CheckpointError, newest_checkpoint
+from raw2drive_ros.training.recipe import Collection, Recipe
+from raw2drive_ros.training.run import RunFolder, train
+from raw2drive_ros.training.teacher import BEST
+
+POLL_S = 1.0
+DONE = 'collected.json'
+
+
+@dataclass(slots=True)
+class Job:
+    """One verb in a process of its own, its output in a file."""
+
+    arguments: list[str]
+    log: Path
+    process: subprocess.Popen[bytes] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.log.parent.mkdir(parents=True, exist_ok=True)
+        with self.log.open('wb') as out:
+            command = [sys.executable, '-m', 'raw2drive_ros.cli.main', *self.arguments]
+            self.process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
+
+    @property
+    def done(self) -> int:
+        """How much of its work its last line of progress reports."""
+        found = re.findall(rb': (\d+)/\d+ ', self.log.read_bytes()[-2000:])
+        return int(found[-1]) if found else 0
+
+    def finish(self) -> None:
+        """Raises CheckpointError with the last lines of its output when it failed."""
+        if self.process.wait() != 0:
+            tail = self.log.read_text(errors='replace').strip().splitlines()[-3:]
+            raise CheckpointError(f'raw2drive {self.arguments[0]} failed ({self.log}): {" | ".join(tail)}')
+
+
+def watch(title: str, jobs: list[Job], total: int, unit: str) -> None:
+    """Wait for all jobs with one progress bar; when one fails or the user stops, the others are stopped."""
+    try:
+        with bar(title, total, unit) as advance:
+            while any(job.process.poll() is None for job in jobs):
+                time.sleep(POLL_S)
+                advance(min(total, sum(job.done for job in jobs)))
+                if any(job.process.poll() not in (None, 0) for job in jobs):
+                    break
+        for job in jobs:
+            if job.process.poll() not in (None, 0):
+                job.finish()
+        for job in jobs:
+            job.finish()
+    finally:
+        for job in jobs:
+            if job.process.poll() is None:
+                job.process.terminate()
+        for job in jobs:
+            job.process.wait()
+
+
+def run_recipe(recipe: Recipe, run: Path, cache: Path, overrides: dict[str, Any], workers: int) -> None:
+    """All rounds that are not done yet. Raises CheckpointError, BagError or ConfigError."""
+    for index in range(len(recipe.rounds)):
+        title = f'round {index + 1} of {len(recipe.rounds)}'
+        newest = newest_checkpoint(run / 'checkpoints')
+        trained = int(newest.name) if newest else 0
+        total = recipe.total_steps(index)
+        if trained < total or index == 0:
+            _collect(recipe, index, run, int(overrides.get('seed', recipe.set.get('seed', 0))), workers, title)
+        if trained < total:
+            _train(recipe, index, run, cache, overrides, title)
+        if recipe.validation and trained <= total:
+            _validate(recipe, index, run, workers, title)
+
+
+def _collect(recipe: Recipe, index: int, run: Path, seed: int, workers: int, title: str) -> None:
+    waiting: list[tuple[Collection, int, Path]] = []
+    for number, collection in enumerate(recipe.rounds[index].collect):
+        target = run / 'bags' / f'{index:02d}_{number}_{collection.driver}'
+        if not (target / DONE).is_file():
+            # What a killed collector left is not whole; the same seed drives the same routes again.
+            shutil.rmtree(target, ignore_errors=True)
+            waiting.append((collection, number, target))
+    while waiting:
+        now, waiting = waiting[:workers], waiting[workers:]
+        jobs = []
+        for collection, number, target in now:
+            driver_seed = recipe.seed(seed, index, number)
+            newest = newest_checkpoint(run / 'checkpoints') or run
+            arguments = collection.arguments(recipe.routes, recipe.episode_ticks, driver_seed, newest, target)
+            jobs.append(Job(arguments, run / 'logs' / f'{target.name}.log'))
+        watch(
+            f'{title}: collecting ({", ".join(c.title for c, _, _ in now)})',
+            jobs,
+            sum(c.ticks for c, _, _ in now),
+            'ticks',
+        )
+        for job, (_, _, target) in zip(jobs, now, strict=True):
+            (target / DONE).write_text(json.dumps(job.arguments))
+
+
+def _train(recipe: Recipe, index: int, run: Path, cache: Path, overrides: dict[str, Any], title: str) -> None:
+    settings = recipe.settings(index, overrides)
+    with bar(f'{title}: training', recipe.total_steps(index), 'steps') as advance:
+
+        def report(step: int, metrics: dict[str, float]) -> None:
+            shown = ('loss/masks', 'loss/reward', 'loss/imitation', 'policy/reward')
+            advance(step, ' '.join(f'{k.split("/")[1]} {metrics[k]:.3g}' for k in shown if k in metrics))
+
+        total = recipe.total_steps(index)
+        train('privileged', run, [run / 'bags'], cache, total, recipe.preset, settings, report=report)
+
+
+def _validate(recipe: Recipe, index: int, run: Path, workers: int, title: str) -> None:
+    """Drive the validation suite; the best round so far is kept as `best`."""
+    from raw2drive_ros.evaluation.suites import load_suite
+
+    newest = newest_checkpoint(run / 'checkpoints')
+    if newest is None or int(newest.name) != recipe.total_steps(index):
+        return
+    results = run / 'validation' / f'round_{index + 1:02d}.jsonl'
+    arguments = ['evaluate', '--driver', 'privileged', '--run', str(newest)]
+    arguments += ['--suite', recipe.validation, '--workers', str(workers), '--out', str(results), '--json']
+    job = Job(arguments, run / 'logs' / f'validation_{index + 1:02d}.log')
+    watch(f'{title}: validation', [job], len(load_suite(recipe.validation).routes), 'routes')
+    rows = [json.loads(line) for line in results.read_text().splitlines()[1:]]
+    score = sum(row['driving_score'] for row in rows) / len(rows)
+    success = 100.0 * sum(row['success'] for row in rows) / len(rows)
+    RunFolder(run).log(int(newest.name), {'validation/driving_score': score, 'validation/success_percent': success})
+    print(f'{title}: validation driving score {score:.1f}, success {success:.1f} %')
+    best = run / BEST
+    before = json.loads((best / 'score.json').read_text())['driving_score'] if best.is_dir() else -1.0
+    if score > before:
+        partial = best.with_suffix('.partial')
+        shutil.rmtree(partial, ignore_errors=True)
+        shutil.copytree(newest, partial)
+        (partial / 'score.json').write_text(json.dumps({'round': index + 1, 'driving_score': score}))
+        shutil.rmtree(best, ignore_errors=True)
+        partial.replace(best)

@@ -1,0 +1,69 @@
+"""Data-parallel training under `torchrun`: every process takes its rows of one global batch and of one stream of noise.
+
+All processes draw the same random numbers for the whole batch and keep their own rows of them, so that generators and
+weights stay equal everywhere and any process's checkpoint is the run's.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import torch
+import torch.distributed as dist
+from torch import Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class Ranks:
+    """This process's number among `count`."""
+
+    rank: int = 0
+    count: int = 1
+
+    @property
+    def leads(self) -> bool:
+        """Does this process write files?"""
+        return self.rank == 0
+
+    def rows(self, per_process: int) -> slice:
+        """This process's rows of a global tensor of `count * per_process` rows."""
+        return slice(self.rank * per_process, (self.rank + 1) * per_process)
+
+    def rand(self, rows: int, *shape: int, generator: torch.Generator) -> Tensor:
+        """(rows, *shape) uniforms in [0, 1): this process's share of what all draw."""
+        return torch.rand(self.count * rows, *shape, generator=generator)[self.rows(rows)]
+
+    def mean_(self, tensors: Sequence[Tensor]) -> None:
+        """Replace every tensor by its mean over all processes, in one message."""
+        if self.count == 1 or not tensors:
+            return
+        flat = torch.cat([t.reshape(-1) for t in tensors])
+        dist.all_reduce(flat)
+        flat /= self.count
+        for tensor, mean in zip(tensors, flat.split([t.numel() for t in tensors]), strict=True):
+            tensor.copy_(mean.view_as(tensor))
+
+    def wait(self) -> None:
+        """Until every process is here."""
+        if self.count > 1:
+            dist.barrier()
+
+
+ALONE = Ranks()
+
+
+@contextmanager
+def ranks_of_torchrun() -> Iterator[Ranks]:
+    """The processes that `torchrun` started, connected by gloo; one process alone otherwise."""
+    count = int(os.environ.get('WORLD_SIZE', '1'))
+    if count == 1:
+        yield ALONE
+        return
+    dist.init_process_group('gloo')
+    try:
+        yield Ranks(dist.get_rank(), count)
+    finally:
+        dist.destroy_process_group()

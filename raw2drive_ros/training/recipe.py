@@ -1,0 +1,89 @@
+"""A recipe: rounds of collecting bags and training on all of them, as Algorithm 1 of the paper alternates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from raw2drive_ros.world_model.config import ConfigError, Strict, load_yaml, preset_folder
+
+SEEDS_PER_ROUND, ROUNDS_PER_RUN = 10, 100
+
+
+class Collection(Strict):
+    """One `raw2drive collect`. Driver `privileged` is the policy as the round before left it."""
+
+    driver: str
+    ticks: int = Field(ge=1)
+    noise: float = Field(0.0, ge=0.0, le=1.0)
+    table: bool = False
+    advice: bool = False
+    routes: str | None = None
+
+    @property
+    def title(self) -> str:
+        return f'{self.driver} {self.ticks} ticks'
+
+    def arguments(self, routes: str, episode_ticks: int, seed: int, checkpoint: Path, target: Path) -> list[str]:
+        """Of `raw2drive`; checkpoint: what driver `privileged` drives with."""
+        found = ['collect', '--driver', self.driver, '--routes', self.routes or routes, '--no-cameras']
+        found += ['--ticks', str(self.ticks), '--episode-ticks', str(episode_ticks), '--noise', str(self.noise)]
+        found += ['--seed', str(seed), '--out', str(target)]
+        if self.driver == 'privileged':
+            found += ['--run', str(checkpoint)]
+        return found + ['--table'] * self.table + ['--advice'] * self.advice
+
+
+class Round(Strict):
+    """collect: bags that join those of the rounds before. steps: gradient steps in this round. set: training fields
+    from this round on."""
+
+    collect: list[Collection] = Field(default_factory=list, max_length=SEEDS_PER_ROUND)
+    steps: int = Field(ge=1)
+    set: dict[str, Any] = Field(default_factory=dict)
+
+
+class Recipe(Strict):
+    """routes: what is collected on. set: training fields of all rounds. validation: a suite that is driven after every
+    round and picks the round that is exported; empty = none, the last one is."""
+
+    preset: str = 'laptop'
+    routes: str = 'all'
+    episode_ticks: int = 700
+    validation: str = 'validation'
+    set: dict[str, Any] = Field(default_factory=dict)
+    rounds: list[Round] = Field(min_length=1, max_length=ROUNDS_PER_RUN)
+
+    def seed(self, training_seed: int, round_index: int, index: int) -> int:
+        """Of the collector: other training seeds collect on other routes."""
+        return (training_seed * ROUNDS_PER_RUN + round_index) * SEEDS_PER_ROUND + index
+
+    def settings(self, round_index: int, overrides: dict[str, Any]) -> dict[str, Any]:
+        """Training fields of a round; later rounds keep what earlier ones set, `overrides` win."""
+        found = dict(self.set)
+        for before in self.rounds[: round_index + 1]:
+            found |= before.set
+        return found | overrides
+
+    def total_steps(self, round_index: int) -> int:
+        """Gradient steps of the run at the end of a round."""
+        return sum(r.steps for r in self.rounds[: round_index + 1])
+
+
+def load_recipe(name: str) -> Recipe:
+    """A YAML file, or the name of one in `params/recipes`. Raises ConfigError that names the field."""
+    path = Path(name)
+    if path.suffix != '.yaml':
+        folder = preset_folder() / 'recipes'
+        path = folder / f'{name}.yaml'
+        if not path.is_file():
+            known = ', '.join(sorted(p.stem for p in folder.glob('*.yaml')))
+            raise ConfigError(f'unknown recipe {name!r}; known: {known}; or give a .yaml file')
+    try:
+        return Recipe(**load_yaml(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = '.'.join(str(part) for part in first['loc'])
+        raise ConfigError(f'{path}: {where}: {first["msg"]}') from error
