@@ -30,7 +30,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--table', action='store_true', help="turn the driver's commands into actions of the policy's table of 39"
     )
     parser.add_argument(
-        '--advice', action='store_true', help='also write what the expert would do at every tick (as DAgger asks)'
+        '--advice', action='store_true', help='also write what the expert would do in the same state (as DAgger asks)'
+    )
+    parser.add_argument(
+        '--advice-every',
+        type=int,
+        default=4,
+        metavar='N',
+        help='ask the expert at 4 ticks in a row out of N (4: always)',
     )
     parser.add_argument('--seed', type=int, default=0, help='another number draws other training routes')
     parser.add_argument('--weather', default=CLEAR, help='a weather preset, or cycle: another one every episode')
@@ -52,6 +59,8 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.evaluation.table_actions import Advised, TableActions
     from raw2drive_ros.simulation.camera_rig import SIZES
 
+    if options.advice_every < 4:
+        raise UsageError('--advice-every: give 4 or more')
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     cv2.setNumThreads(1)
@@ -62,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     if options.table:
         driver = TableActions(driver, options.noise, advises=options.driver == 'expert')
     if options.advice and not (options.table and options.driver == 'expert'):
-        driver = Advised(driver, make_driver('expert'))
+        driver = Advised(driver, make_driver('expert'), options.advice_every)
     config = CollectConfig(
         scenarios,
         options.ticks,

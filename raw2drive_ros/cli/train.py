@@ -11,6 +11,7 @@ EXAMPLES = """examples:
   raw2drive train privileged --recipe teacher --run runs/teacher --export params/bundles/teacher    (hours)
   raw2drive train raw --bags runs/bags --run runs/stage2 --teacher runs/stage1 --steps 3000 --export runs/bundle
   raw2drive train privileged --preset nano --steps 20 --bags bags --run runs/try    (seconds)
+  torchrun --nproc-per-node 4 -m raw2drive_ros.cli.main train privileged --bags runs/bags --folder runs/stage1
   raw2drive train raw ... --set weight_stoch=0    (an ablation: no stochastic alignment)
 
 Called again with the same --run it goes on where it stopped, also after a kill."""
@@ -23,7 +24,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--recipe', help='instead of --bags and --steps: rounds of collecting and training (params/recipes, or a file)'
     )
     parser.add_argument('--workers', type=int, default=2, help='--recipe: processes that collect or validate at a time')
-    parser.add_argument('--run', dest='training_run', type=Path, required=True, help='run folder')
+    parser.add_argument(
+        '--run',
+        '--folder',
+        dest='training_run',
+        type=Path,
+        required=True,
+        help='run folder (torchrun takes --run for its own)',
+    )
     parser.add_argument('--steps', type=int, default=6000, help='gradient steps in all')
     parser.add_argument('--preset', default='laptop', help='nano, laptop or paper')
     parser.add_argument('--teacher', type=Path, help='stage-1 run, checkpoint or teacher bundle (stage raw)')

@@ -14,6 +14,7 @@ import numpy as np
 from raw2drive_ros.actions import ACTIONS, BRAKE_ACTION
 from raw2drive_ros.contract import Control, Decision, SensorFrame
 from raw2drive_ros.evaluation.drivers import EpisodeDriver
+from raw2drive_ros.evaluation.expert import REPLAN_TICKS
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
 
@@ -27,6 +28,7 @@ STEER_PER_MPS2 = 0.08
 BRAKING_MPS2 = 1.2
 STANDING_MPS = 0.3
 BURST_TICKS = 7
+ASKED_TICKS = REPLAN_TICKS
 
 
 def table_action(world: World, wanted: Control) -> int:
@@ -70,18 +72,27 @@ class TableActions:
 
 
 class Advised:
-    """A driver with another one beside it, who says at every tick what it would do in that state (as DAgger asks)."""
+    """A driver with another one beside it, who says what it would do in that state (as DAgger asks).
 
-    def __init__(self, inner: EpisodeDriver, adviser: EpisodeDriver) -> None:
-        self.inner, self.adviser = inner, adviser
+    every: the adviser is asked at `ASKED_TICKS` ticks in a row out of so many. Planning is what it costs, a plan holds
+    for those ticks, and neighbouring ticks teach nearly the same.
+    """
+
+    def __init__(self, inner: EpisodeDriver, adviser: EpisodeDriver, every: int = ASKED_TICKS) -> None:
+        if every < ASKED_TICKS:
+            raise ValueError(f'an adviser is asked {ASKED_TICKS} times in a row: every {every} ticks is too often')
+        self.inner, self.adviser, self.every = inner, adviser, every
         self.needs_cameras, self.needs_bev = inner.needs_cameras, inner.needs_bev
 
     def reset(self, seed: int) -> None:
         self.inner.reset(seed)
         self.adviser.reset(seed)
+        self.ticks = 0
 
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert env.world is not None
-        advice = table_action(env.world, self.adviser.control(env, frame, tick).control)
+        asked = self.ticks % self.every < ASKED_TICKS
+        self.ticks += 1
+        advice = table_action(env.world, self.adviser.control(env, frame, tick).control) if asked else -1
         decision = self.inner.control(env, frame, tick)
-        return dataclasses.replace(decision, info=decision.info | {'advice': advice})
+        return dataclasses.replace(decision, info=decision.info | {'advice': advice}) if asked else decision

@@ -46,6 +46,16 @@ class Ranks:
         for tensor, mean in zip(tensors, flat.split([t.numel() for t in tensors]), strict=True):
             tensor.copy_(mean.view_as(tensor))
 
+    def mean_by_name(self, metrics: dict[str, float]) -> dict[str, float]:
+        """Mean of each metric over the processes that have it."""
+        if self.count == 1:
+            return metrics
+        everybody: list[dict[str, float]] = [{}] * self.count
+        dist.all_gather_object(everybody, metrics)
+        names = dict.fromkeys(name for found in everybody for name in found)
+        by_name = {name: [found[name] for found in everybody if name in found] for name in names}
+        return {name: sum(values) / len(values) for name, values in by_name.items()}
+
     def wait(self) -> None:
         """Until every process is here."""
         if self.count > 1:

@@ -20,6 +20,7 @@ class Collection(Strict):
     noise: float = Field(0.0, ge=0.0, le=1.0)
     table: bool = False
     advice: bool = False
+    advice_every: int = Field(4, ge=4)
     routes: str | None = None
 
     @property
@@ -33,7 +34,7 @@ class Collection(Strict):
         found += ['--seed', str(seed), '--out', str(target)]
         if self.driver == 'privileged':
             found += ['--run', str(checkpoint)]
-        return found + ['--table'] * self.table + ['--advice'] * self.advice
+        return found + ['--table'] * self.table + ['--advice', '--advice-every', str(self.advice_every)] * self.advice
 
 
 class Round(Strict):

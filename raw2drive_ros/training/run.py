@@ -166,6 +166,7 @@ def _loop(
     t = trainer.config.train
     size = t.raw_batch if raw else t.batch
     sums: dict[str, list[float]] = {}
+    overlap: dict[str, float] = {}
     started = time.perf_counter()
     while trainer.steps < steps:
         batch = replay.sample(size, images=raw, ranks=ranks)
@@ -173,23 +174,17 @@ def _loop(
         metrics = trainer.step(batch, factor) | {'learning_rate/factor': factor}
         for name, value in metrics.items():
             sums.setdefault(name, []).append(value)
+        if ranks.leads and (trainer.steps % t.picture_every == 0 or trainer.steps == steps):
+            overlap = overlap_by_class(trainer, batch)
+            save_pictures(folder.path / 'pictures', trainer, batch, replay.codec)
         if trainer.steps % t.log_every == 0 or trainer.steps == steps:
             means = {name: float(np.mean(values)) for name, values in sums.items()}
             means['time/step_s'] = (time.perf_counter() - started) / len(sums['grad/model'])
-            means = _mean_over(ranks, means)
+            means = ranks.mean_by_name(means) | overlap
+            overlap = {}
             if ranks.leads:
                 folder.log(trainer.steps, means)
                 report(trainer.steps, means)
             sums, started = {}, time.perf_counter()
-        if ranks.leads and (trainer.steps % t.picture_every == 0 or trainer.steps == steps):
-            save_pictures(folder.path / 'pictures', trainer, batch, replay.codec)
-            folder.log(trainer.steps, overlap_by_class(trainer, batch))
         if ranks.leads and (trainer.steps % t.checkpoint_every == 0 or trainer.steps == steps):
             save_checkpoint(folder.checkpoints, trainer, replay, {})
-
-
-def _mean_over(ranks: Ranks, metrics: dict[str, float]) -> dict[str, float]:
-    """Of all processes; they have the same names at the same step."""
-    values = torch.tensor(list(metrics.values()), dtype=torch.float64)
-    ranks.mean_([values])
-    return dict(zip(metrics, values.tolist(), strict=True))

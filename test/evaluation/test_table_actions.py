@@ -75,6 +75,16 @@ def test_an_adviser_does_not_change_what_the_driver_does() -> None:
     assert len(heard) == 120 and len(set(heard)) > 1
 
 
+def test_an_adviser_may_be_asked_now_and_then() -> None:
+    heard = []
+    advised = Advised(make_driver('rule'), make_driver('expert'), every=10)
+    route = RouteId('VanillaNonSignalizedTurn', 3)
+    drive_route(DrivingEnv(FAST), advised, route, lambda _, d: heard.append('advice' in d.info), max_ticks=20)
+    assert heard == ([True] * 4 + [False] * 6) * 2
+    with pytest.raises(ValueError, match='too often'):
+        Advised(make_driver('rule'), make_driver('expert'), every=3)
+
+
 def _factory():
     from msg_adapters.factory import RosbagsFactory
 
