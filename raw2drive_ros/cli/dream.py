@@ -17,7 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', type=Path)
     parser.add_argument('--at', type=float, required=True, help='seconds after the first tick of the bag')
     parser.add_argument('--seconds', type=float, default=3.0, help='how long to imagine')
-    parser.add_argument('--run', dest='training_run', type=Path, required=True, help='stage-1 run')
+    parser.add_argument(
+        '--run', dest='training_run', type=Path, help='stage-1 run, checkpoint or teacher (default: the shipped one)'
+    )
     parser.add_argument(
         '--own-actions', action='store_true', help="imagine the policy's actions, not the recorded ones"
     )
@@ -26,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.paths import default_teacher
     from raw2drive_ros.report.dream import dream, save_dream, ticks_around
     from raw2drive_ros.training.teacher import load_teacher
 
@@ -34,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     if options.out.suffix.lower() != '.mp4':
         raise UsageError(f'--out {options.out}: give a name that ends in .mp4')
     ticks, begins = ticks_around(options.bag, options.at, options.seconds)
-    trainer = load_teacher(options.training_run)
+    trainer = load_teacher(options.training_run or default_teacher())
     found = dream(trainer, ticks, begins, own_actions=options.own_actions)
     print(f'{save_dream(options.out, found, list(trainer.config.model.mask_classes))}: {ticks[begins].episode}')
     return 0

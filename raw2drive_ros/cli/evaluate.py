@@ -30,7 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--driver', default='raw', help='raw, privileged, expert, rule, idm, constant, straight or random'
     )
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
-    parser.add_argument('--run', dest='training_run', type=Path, help='stage-1 run of driver privileged')
+    parser.add_argument(
+        '--run', dest='training_run', type=Path, help='stage-1 run, checkpoint or teacher of driver privileged'
+    )
     parser.add_argument('--routes', default='lane-following', help='scenario types, abilities, or all')
     parser.add_argument('--suite', help='a versioned list of routes instead of --routes, see raw2drive suite list')
     parser.add_argument('--ability', help='of the suite, only the types that count for this ability')

@@ -25,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--driver', default='rule', help='who drives, as in raw2drive evaluate (default: rule)')
     parser.add_argument('--against', default='constant', help='reward: another driver (default: constant)')
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw (default: the shipped one)')
-    parser.add_argument('--run', dest='training_run', type=Path, help='stage-1 run of driver privileged')
+    parser.add_argument(
+        '--run', dest='training_run', type=Path, help='stage-1 run, checkpoint or teacher of driver privileged'
+    )
     parser.add_argument('--blind', action='store_true', help='black out every camera')
     parser.add_argument('--seconds', type=float, help='show the picture after so long (6 s), cut the video (never)')
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')

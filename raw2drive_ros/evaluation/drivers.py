@@ -17,6 +17,7 @@ from raw2drive_ros.driving.driver import Driver
 from raw2drive_ros.evaluation.expert import Expert
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
 from raw2drive_ros.evaluation.simple_drivers import IdmMobil, constant_speed
+from raw2drive_ros.paths import default_teacher
 from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
@@ -89,7 +90,10 @@ def rule_episodes(noise: float = 0.0) -> WorldEpisodes:
 
 
 class PrivilegedEpisodes:
-    """The stage-1 policy on BEV masks. noise: share of decisions that are sampled instead of the mode."""
+    """The stage-1 policy on BEV masks.
+
+    run: whatever `load_teacher` takes. noise: share of decisions that are sampled instead of the mode.
+    """
 
     needs_cameras, needs_bev = False, True
 
@@ -152,7 +156,10 @@ class Blindfold:
 def make_driver(
     name: str, bundle: Path | None = None, run: Path | None = None, noise: float = 0.0, threads: int = 1
 ) -> EpisodeDriver:
-    """A driver by name. Raises UnknownDriverError, BundleError or CheckpointError."""
+    """A driver by name; `privileged` without a run is the shipped teacher.
+
+    Raises UnknownDriverError, BundleError or CheckpointError.
+    """
     if name == 'random':
         return SensorOnly(RandomDriver(), cameras=False)
     if name == 'straight':
@@ -164,9 +171,7 @@ def make_driver(
     if name == 'expert':
         return WorldEpisodes(lambda seed: Expert().control)
     if name == 'privileged':
-        if run is None:
-            raise UnknownDriverError('driver privileged needs the run that trained it (--run)')
-        return PrivilegedEpisodes(run, noise)
+        return PrivilegedEpisodes(run or default_teacher(), noise)
     if name == 'raw':
         from raw2drive_ros.driving.bundle import load_bundle
         from raw2drive_ros.driving.driver import RawDriver

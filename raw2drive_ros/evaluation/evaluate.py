@@ -19,6 +19,7 @@ from raw2drive_ros.evaluation.drivers import Blindfold, EpisodeDriver, make_driv
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.metrics import RouteResult, failed_route
 from raw2drive_ros.evaluation.statistics import Results, by_ability, flaky, summary
+from raw2drive_ros.paths import default_teacher
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 
@@ -58,11 +59,11 @@ class DriverSpec:
         weights = ''
         if self.name == 'raw' and self.bundle is not None:
             weights = load_bundle(self.bundle).identity
-        elif self.name == 'privileged' and self.run is not None:
+        elif self.name == 'privileged':
             # Late: the bridge imports this module and trains nothing.
             from raw2drive_ros.training.teacher import teacher_identity
 
-            weights = teacher_identity(self.run)
+            weights = teacher_identity(self.run or default_teacher())
         return ' '.join(filter(None, (self.name, weights, 'blind' if self.blind else '')))
 
 
