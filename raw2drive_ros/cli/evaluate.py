@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument(
-        '--run', dest='training_run', type=Path, help='stage-1 run, checkpoint or teacher of driver privileged'
+        '--run', dest='training_run', type=Path, help='of driver privileged: run, checkpoint or teacher'
     )
     parser.add_argument('--routes', default='lane-following', help='scenario types, abilities, or all')
     parser.add_argument('--suite', help='a versioned list of routes instead of --routes, see raw2drive suite list')

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--against', default='constant', help='reward: another driver (default: constant)')
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw (default: the shipped one)')
     parser.add_argument(
-        '--run', dest='training_run', type=Path, help='stage-1 run, checkpoint or teacher of driver privileged'
+        '--run', dest='training_run', type=Path, help='of driver privileged: run, checkpoint or teacher'
     )
     parser.add_argument('--blind', action='store_true', help='black out every camera')
     parser.add_argument('--seconds', type=float, help='show the picture after so long (6 s), cut the video (never)')
