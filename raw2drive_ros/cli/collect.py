@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--driver', default='rule', help='rule, expert, idm, constant, privileged, raw, straight or random'
     )
-    parser.add_argument('--run', dest='training_run', type=Path, help='of driver privileged: run, checkpoint or teacher')
+    parser.add_argument('--run', dest='training_run', type=Path, help='run, checkpoint or teacher that drives')
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw')
     parser.add_argument('--routes', default='lane-following', help='scenario types, comma separated, or all')
     parser.add_argument('--ticks', type=int, default=20_000, help='decision ticks to write (10 per second)')
