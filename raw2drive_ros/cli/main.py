@@ -18,6 +18,8 @@ VERBS = {
     'replay': ('replay', "play a bag's sensors into the graph"),
     'collect': ('collect', 'drive in process and write training bags'),
     'train': ('train', 'train the privileged (stage 1) or raw (stage 2) stream from bags'),
+    'curves': ('curves', 'draw the metrics of training runs as one picture'),
+    'calibration': ('calibration', 'compare what a world model and its critic predict with what bags recorded'),
     'dream': ('dream', 'film what a world model believes and imagines at a moment of a bag'),
     'evaluate': ('evaluate', 'drive routes in process and score them'),
     'report': ('report', 'compare results of evaluate on one HTML page'),

@@ -99,8 +99,9 @@ def policy_losses(
 ) -> tuple[Tensor, Tensor, dict[str, float]]:
     """(actor loss, critic loss, metrics) of one rollout; gradients reach the policy only."""
     features = rollout.features
+    logits, judged = policy.critic.judge(features[:-1])
     with torch.no_grad():
-        values = policy.critic(features)
+        values = torch.cat([judged, policy.critic(features[-1:])])
         discounts = config.gamma * rollout.conts
         returns = lambda_returns(rollout.rewards, discounts, values, config.lambda_)
         spread = policy.scale.spread(returns)
@@ -114,7 +115,7 @@ def policy_losses(
     entropy = -(log_probs.exp() * log_probs).sum(-1)
     # The paper prints "+ eta H" inside a loss; the entropy is to be maximised, hence the minus here.
     actor_loss = -(weight * (advantage * taken + config.entropy * entropy)).mean()
-    critic_loss = (weight * policy.critic.loss(features[:-1], returns, config.slow_weight)).mean()
+    critic_loss = (weight * policy.critic.loss(logits, features[:-1], returns, config.slow_weight)).mean()
     metrics = {
         'policy/return': float(returns.mean()),
         'policy/value': float(values.mean()),

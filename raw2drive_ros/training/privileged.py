@@ -145,11 +145,26 @@ class PrivilegedTrainer:
         self.steps += 1
         if self.steps == t.reset_policy_at:
             self.reset_policy()
-        if self.steps > t.policy_after and self.steps % t.policy_every == 0:
+        if self.steps <= t.policy_after:
+            return metrics
+        shown = demonstrations(states, batch) if t.imitate else None
+        if self.steps % t.policy_every == 0:
             for _ in range(t.policy_updates):
                 start, _ = choose_starts(states, (), batch.cont, t.starts, self.ranks, self.generator)
-                metrics |= self.policy_step(start, factor, demonstrations(states, batch) if t.imitate else None)
+                metrics |= self.policy_step(start, factor, shown)
+        elif shown is not None and len(shown[0]):
+            # Imagination is dear, imitation is not.
+            loss, metrics_shown = self.imitation(*shown)
+            metrics |= metrics_shown
+            metrics['grad/policy'] = self.policy_optimiser.step(t.imitate * loss, factor)
         return metrics
+
+    def imitation(self, features: Tensor, advice: Tensor) -> tuple[Tensor, dict[str, float]]:
+        """Cross-entropy of the expert's advice (N, A) at states (N, F)."""
+        log_probs = (self.policy.actor(features) * advice).sum(-1)
+        loss = -log_probs.mean()
+        agreement = float((log_probs.detach() > math.log(0.5)).float().mean())
+        return loss, {'loss/imitation': float(loss.detach()), 'policy/agreement': agreement}
 
     def policy_step(
         self, start: State, factor: float = 1.0, shown: tuple[Tensor, Tensor] | None = None
@@ -168,10 +183,8 @@ class PrivilegedTrainer:
         actor, critic, metrics = policy_losses(self.policy, rollout, t, self.ranks)
         total = actor + critic
         if shown is not None and len(shown[0]):
-            log_probs = (self.policy.actor(shown[0]) * shown[1]).sum(-1)
-            imitation = -log_probs.mean()
-            metrics['loss/imitation'] = float(imitation.detach())
-            metrics['policy/agreement'] = float((log_probs.detach() > math.log(0.5)).float().mean())
+            imitation, metrics_shown = self.imitation(*shown)
+            metrics |= metrics_shown
             total = total + t.imitate * imitation
         metrics['grad/policy'] = update_policy(self.policy, self.policy_optimiser, total, t, factor)
         return metrics

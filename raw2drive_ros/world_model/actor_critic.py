@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from raw2drive_ros.world_model.config import ModelConfig
-from raw2drive_ros.world_model.distributions import mixed_log_probs, two_hot_loss
+from raw2drive_ros.world_model.distributions import mixed_log_probs, two_hot_loss, two_hot_mean
 from raw2drive_ros.world_model.heads import TwoHotHead
 from raw2drive_ros.world_model.layers import Mlp
 
@@ -36,9 +36,13 @@ class Critic(nn.Module):
         value: Tensor = self.fast(feature)
         return value
 
-    def loss(self, feature: Tensor, target: Tensor, slow_weight: float) -> Tensor:
+    def judge(self, feature: Tensor) -> tuple[Tensor, Tensor]:
+        """(logits, values without gradient) of one forward pass; the logits go into `loss`."""
+        logits: Tensor = self.fast.net(feature)
+        return logits, two_hot_mean(logits.detach(), self.fast.bins)
+
+    def loss(self, logits: Tensor, feature: Tensor, target: Tensor, slow_weight: float) -> Tensor:
         """Cross-entropy to the returns plus `slow_weight` times that to the slow critic's mean."""
-        logits = self.fast.net(feature)
         with torch.no_grad():
             slow = self.slow(feature)
         loss = two_hot_loss(logits, target, self.fast.bins)

@@ -10,26 +10,33 @@ from __future__ import annotations
 from typing import Any
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 # Float32 rounds 1 - p to zero for logits above 17; the loss of a single pixel ends here, its gradient does not.
 SMALLEST = 1e-7
+# Softmax over a last axis this short is ten times slower than over one before it (measured on 32 x 256 x 4).
+FEW_CLASSES = 8
 
 
 def mixed_log_probs(logits: Tensor, unimix: float) -> Tensor:
     """(..., K) logits -> log of (1 - unimix) softmax + unimix / K."""
-    probs = torch.softmax(logits, -1) * (1.0 - unimix) + unimix / logits.shape[-1]
-    return torch.log(probs)
+    if logits.shape[-1] <= FEW_CLASSES:
+        probs = torch.softmax(logits.transpose(-1, -2).contiguous(), -2).transpose(-1, -2)
+    else:
+        probs = torch.softmax(logits, -1)
+    return torch.log(probs * (1.0 - unimix) + unimix / logits.shape[-1])
 
 
 def sample_one_hot(log_probs: Tensor, uniform: Tensor) -> Tensor:
     """(..., K) log-probabilities and (...) uniforms in [0, 1) -> (..., K) one-hot, without gradient."""
     with torch.no_grad():
         cumulative = torch.cumsum(log_probs.exp(), -1)
-        index = (cumulative < uniform.unsqueeze(-1) * cumulative[..., -1:]).sum(-1)
-        index = index.clamp_(max=log_probs.shape[-1] - 1)
-        return F.one_hot(index, log_probs.shape[-1]).to(log_probs.dtype)
+        # 0 ... 0 1 ... 1, from the drawn class on; its differences are the one-hot.
+        reached = (cumulative >= uniform.unsqueeze(-1) * cumulative[..., -1:]).to(log_probs.dtype)
+        reached[..., -1] = 1.0
+        one_hot = reached.clone()
+        one_hot[..., 1:] -= reached[..., :-1]
+        return one_hot.contiguous()
 
 
 def straight_through(one_hot: Tensor, log_probs: Tensor) -> Tensor:
