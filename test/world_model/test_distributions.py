@@ -108,8 +108,8 @@ def test_a_terminal_step_cuts_the_return() -> None:
 
 def test_return_scale_is_never_below_one_and_grows() -> None:
     scale = ReturnScale(0.5)
-    assert float(scale.update(torch.zeros(100))) == 1.0
+    assert float(scale.follow(scale.spread(torch.zeros(100)))) == 1.0
     for _ in range(20):
-        value = float(scale.update(torch.linspace(0, 100, 1000)))
+        value = float(scale.follow(scale.spread(torch.linspace(0, 100, 1000))))
     assert value == pytest.approx(90, abs=1.5)
     assert math.isfinite(value)
