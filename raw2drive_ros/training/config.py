@@ -97,9 +97,17 @@ class RunConfig(Strict):
 def make_config(preset: str, overrides: dict[str, Any] | None = None) -> RunConfig:
     """A preset with `train` fields replaced. Raises ConfigError that names the field."""
     raw = load_preset(preset)
+    return _checked(preset, raw['model'], raw.get('train', {}) | (overrides or {}))
+
+
+def overridden(config: RunConfig, overrides: dict[str, Any]) -> RunConfig:
+    """The same model with `train` fields replaced, whatever its preset has become. Raises ConfigError."""
+    return _checked(config.preset, config.model.model_dump(), config.train.model_dump() | overrides)
+
+
+def _checked(preset: str, model: dict[str, Any], train: dict[str, Any]) -> RunConfig:
     try:
-        raw['train'] = raw.get('train', {}) | (overrides or {})
-        return RunConfig(preset=preset, model=raw['model'], train=raw['train'])
+        return RunConfig(preset=preset, model=ModelConfig(**model), train=TrainConfig(**train))
     except ValidationError as error:
         first = error.errors()[0]
         where = '.'.join(str(part) for part in first['loc'])

@@ -25,7 +25,7 @@ from raw2drive_ros.training.checkpoint import (
     newest_checkpoint,
     save_checkpoint,
 )
-from raw2drive_ros.training.config import RunConfig, make_config
+from raw2drive_ros.training.config import RunConfig, make_config, overridden
 from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.pictures import overlap_by_class, save_pictures
@@ -104,15 +104,14 @@ def train(
 ) -> Trainer:
     """Train `stage` in folder `run` up to `steps` gradient steps, resuming where the folder stopped.
 
-    A run that exists keeps its own preset; `overrides` apply on top of it (recorded in config.json).
+    A run that exists keeps its own sizes; `overrides` apply on top of it (recorded in config.json).
     ranks: the processes of `torchrun`, each with a batch of its own. Raises CheckpointError while another run
     trains in that folder.
     """
     folder = RunFolder(run)
     resumed = newest_checkpoint(folder.checkpoints)
     if resumed is not None:
-        stored = read_run_config(run)
-        config = make_config(stored.preset, stored.train.model_dump() | (overrides or {}))
+        config = overridden(read_run_config(run), overrides or {})
     else:
         config = make_config(preset, overrides)
     set_threads(config.train.threads)

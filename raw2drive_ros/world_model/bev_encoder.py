@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from raw2drive_ros.world_model.config import ModelConfig
-from raw2drive_ros.world_model.layers import Conv, Dense, Linear
+from raw2drive_ros.world_model.layers import Conv, Dense, Linear, ToCells
 
 EMPTY_LOGIT = -4.0
 
@@ -53,15 +53,19 @@ class BevDecoder(nn.Module):
         # Half of e_t's features per cell: this linear layer is the largest one of the whole model.
         seed_features = c.grid_features // 2
         # A grid latent is where it belongs already; only the deterministic state has to be spread over the cells.
-        self.deter = c.deter if c.latent == 'grid' else c.feature_size
-        placed = c.stoch_size // c.grid**2 if c.latent == 'grid' else 0
-        self.seed = Linear(self.deter, c.grid * c.grid * seed_features)
+        self.deter, placed, cells = c.feature_size, 0, c.grid**2
+        if c.latent == 'grid':
+            self.deter, placed = c.deter, c.stoch_size // cells
+            self.seed: nn.Module = ToCells(c.deter, c.spread, cells, seed_features)
+        else:
+            self.seed = Linear(c.feature_size, cells * seed_features)
         self.widen = Conv(seed_features + placed, c.encoder_width, 1)
         self.body = Residual(c.encoder_width)
         self.out = Conv(c.encoder_width, len(c.mask_classes) * c.patch * c.patch, 1)
         # Most pixels of most classes are empty: without this the first hundred steps learn nothing but that.
         nn.init.constant_(self.out.bias, EMPTY_LOGIT)
-        self.vector = nn.Sequential(Dense(c.feature_size, c.units), Linear(c.units, vector_size))
+        small = c.small_units or c.units
+        self.vector = nn.Sequential(Dense(c.feature_size, small), Linear(small, vector_size))
 
     def forward(self, feature: Tensor) -> Tensor:
         x = nn.functional.silu(self.seed(feature[:, : self.deter])).view(feature.shape[0], -1, self.grid, self.grid)

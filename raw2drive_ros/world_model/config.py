@@ -38,6 +38,8 @@ class ModelConfig(Strict):
         'flat', description='grid: every cell of e_t has categoricals of its own; `stoch` is a multiple of grid ** 2'
     )
     cell_hidden: int = Field(16, description='width of the posterior per cell (latent grid)')
+    spread: int = Field(192, description='hidden width on the way from the deterministic state to cells (latent grid)')
+    small_units: int = Field(0, description='width of the continue and ego heads; 0 = units')
     blocks: int = 8
     units: int = 256
     head_layers: int = 2

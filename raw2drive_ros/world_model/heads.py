@@ -34,7 +34,7 @@ class ContinueHead(nn.Module):
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
-        self.net = Mlp(config.feature_size, config.units, 1, 1)
+        self.net = Mlp(config.feature_size, config.small_units or config.units, 1, 1)
 
     def forward(self, feature: Tensor) -> Tensor:
         return torch.sigmoid(self.net(feature).squeeze(-1))

@@ -63,6 +63,13 @@ class Mlp(nn.Sequential):
         super().__init__(*dense, Linear(sizes[-1], outputs, out_scale))
 
 
+class ToCells(nn.Sequential):
+    """The deterministic state, told to every cell of the grid: (..., D) -> (..., cells * features)."""
+
+    def __init__(self, deter: int, hidden: int, cells: int, features: int) -> None:
+        super().__init__(Dense(deter, hidden), Linear(hidden, cells * features))
+
+
 class BlockLinear(nn.Module):
     """`blocks` independent linear maps on slices of the last axis: (..., blocks * I) -> (..., blocks * O)."""
 

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.deferred import DeferredLinear
 from raw2drive_ros.world_model.distributions import mixed_log_probs, sample_one_hot, straight_through
-from raw2drive_ros.world_model.layers import BlockLinear, Dense, Linear, RmsNorm
+from raw2drive_ros.world_model.layers import BlockLinear, Dense, Linear, RmsNorm, ToCells
 
 
 @dataclass(slots=True)
@@ -84,7 +84,7 @@ class Rssm(nn.Module):
         if c.latent == 'grid':
             cells = c.grid**2
             self.post_embed: nn.Module = CellEmbed(c, c.cell_hidden)
-            self.post_deter = Linear(c.deter, cells * c.cell_hidden)
+            self.post_deter: nn.Module = ToCells(c.deter, c.spread, cells, c.cell_hidden)
             self.post_norm = RmsNorm(c.cell_hidden)
             self.post_out = Linear(c.cell_hidden, c.stoch_size // cells)
         else:
@@ -102,13 +102,14 @@ class Rssm(nn.Module):
         """For one pass over a sequence: while gradients are recorded, with deferred weight gradients."""
         if not torch.is_grad_enabled() or not self.post_out.weight.requires_grad:
             return self.plain_maps()
-        linear = (self.input_deter.linear, self.input_stoch.linear, self.post_deter, self.post_out)
         blocks = (self.core_hidden, self.core_gates)
-        deter, stoch, post_deter, post_out = (DeferredLinear(layer.weight.t(), layer.bias) for layer in linear)
+        inputs = (self.input_deter.linear, self.input_stoch.linear)
+        deter, stoch = (DeferredLinear(layer.weight.t(), layer.bias) for layer in inputs)
         hidden, gates = (DeferredLinear(layer.weight, layer.bias) for layer in blocks)
-        if self.config.latent == 'grid':
+        if not isinstance(self.post_deter, Linear):
             # A cell's map is small and has rows enough at every step.
-            return Maps(deter, stoch, hidden, gates, post_deter, self.post_out)
+            return Maps(deter, stoch, hidden, gates, self.post_deter, self.post_out)
+        post_deter, post_out = (DeferredLinear(m.weight.t(), m.bias) for m in (self.post_deter, self.post_out))
         return Maps(deter, stoch, hidden, gates, post_deter, post_out)
 
     def plain_maps(self) -> Maps:
