@@ -29,6 +29,7 @@ class ModelConfig(Strict):
     patch: int = Field(8, description='space-to-depth factor: the grid of e_t has mask_size / patch cells')
     grid_features: int = 32
     encoder_width: int = 96
+    depthwise: bool = Field(False, description='3x3 convolutions of BEV encoder and decoder feature by feature')
     vector_features: int = 64
     deter: int = 512
     hidden: int = 256

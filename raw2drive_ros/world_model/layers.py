@@ -37,8 +37,9 @@ class Linear(nn.Linear):
 
 
 class Conv(nn.Conv2d):
-    def __init__(self, inputs: int, outputs: int, kernel: int, stride: int = 1) -> None:
-        super().__init__(inputs, outputs, kernel, stride, (kernel - stride + 1) // 2 if kernel > 1 else 0)
+    def __init__(self, inputs: int, outputs: int, kernel: int, stride: int = 1, groups: int = 1) -> None:
+        padding = (kernel - stride + 1) // 2 if kernel > 1 else 0
+        super().__init__(inputs, outputs, kernel, stride, padding, groups=groups)
         init_linear(self)
 
 
