@@ -141,12 +141,18 @@ def _validate(recipe: Recipe, index: int, run: Path, workers: int, title: str) -
     success = 100.0 * sum(row['success'] for row in rows) / len(rows)
     RunFolder(run).log(int(newest.name), {'validation/driving_score': score, 'validation/success_percent': success})
     print(f'{title}: validation driving score {score:.1f}, success {success:.1f} %')
+    keep_if_best(run, newest, {'suite': recipe.validation, 'round': index + 1, 'driving_score': score})
+
+
+def keep_if_best(run: Path, checkpoint: Path, score: dict[str, Any]) -> bool:
+    """Copy a checkpoint to `run/best` when its `driving_score` beats that of the one there."""
     best = run / BEST
-    before = json.loads((best / 'score.json').read_text())['driving_score'] if best.is_dir() else -1.0
-    if score > before:
-        partial = best.with_suffix('.partial')
-        shutil.rmtree(partial, ignore_errors=True)
-        shutil.copytree(newest, partial)
-        (partial / 'score.json').write_text(json.dumps({'round': index + 1, 'driving_score': score}))
-        shutil.rmtree(best, ignore_errors=True)
-        partial.replace(best)
+    if best.is_dir() and score['driving_score'] <= json.loads((best / 'score.json').read_text())['driving_score']:
+        return False
+    partial = best.with_suffix('.partial')
+    shutil.rmtree(partial, ignore_errors=True)
+    shutil.copytree(checkpoint, partial)
+    (partial / 'score.json').write_text(json.dumps(score))
+    shutil.rmtree(best, ignore_errors=True)
+    partial.replace(best)
+    return True

@@ -1,0 +1,122 @@
+"""Recipes: rounds in order, resumed where they stopped, the best round kept; and the teacher bundle at their end."""
+
+import json
+
+import pytest
+import torch
+
+from raw2drive_ros import topics
+from raw2drive_ros.cli.main import main
+from raw2drive_ros.cli.recipe import keep_if_best, run_recipe
+from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_advice
+from raw2drive_ros.recording.dataset import RosbagsFactory
+from raw2drive_ros.training.checkpoint import CheckpointError, newest_checkpoint
+from raw2drive_ros.training.recipe import Recipe, load_recipe
+from raw2drive_ros.training.teacher import load_teacher, save_teacher, teacher_identity
+from raw2drive_ros.world_model.config import ConfigError
+
+FIELDS = {
+    'threads': 1,
+    'log_every': 2,
+    'picture_every': 100,
+    'checkpoint_every': 2,
+    'imitate': 1.0,
+    'weight_advice': 1.0,
+}
+ROUNDS = [
+    {'collect': [{'driver': 'expert', 'table': True, 'noise': 0.05, 'ticks': 60}], 'steps': 4},
+    {'collect': [{'driver': 'privileged', 'advice': True, 'advice_every': 8, 'ticks': 40}], 'steps': 2},
+]
+
+
+def recipe_of(rounds) -> Recipe:
+    return Recipe(preset='nano', routes='lane-following', episode_ticks=30, validation='', set=FIELDS, rounds=rounds)
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory):
+    """A run of two rounds; the second was added to the recipe when the first was done."""
+    folder = tmp_path_factory.mktemp('recipe')
+    run_recipe(recipe_of(ROUNDS[:1]), folder / 'run', folder / 'cache', {}, 1)
+    first = {p.name: p.stat().st_mtime_ns for p in (folder / 'run' / 'bags').iterdir()}
+    assert newest_checkpoint(folder / 'run' / 'checkpoints').name == '00000004'
+    run_recipe(recipe_of(ROUNDS), folder / 'run', folder / 'cache', {}, 1)
+    assert first.items() <= {p.name: p.stat().st_mtime_ns for p in (folder / 'run' / 'bags').iterdir()}.items()
+    return folder / 'run'
+
+
+def test_every_round_collects_and_trains_on_all_bags(run) -> None:
+    assert sorted(p.name for p in (run / 'bags').iterdir()) == ['00_0_expert', '01_0_privileged']
+    config = json.loads((run / 'config.json').read_text())
+    assert {b['path'].split('/')[-2] for b in config['bags']} == {'00_0_expert', '01_0_privileged'}
+    assert newest_checkpoint(run / 'checkpoints').name == '00000006'
+
+
+def test_the_policy_s_bags_hold_the_expert_s_advice(run) -> None:
+    (path,) = find_bags([run / 'bags' / '01_0_privileged'])
+    with open_bag(path) as reader:
+        advice = read_advice(reader, RosbagsFactory())
+        ticks = next(c.msgcount for c in reader.connections if c.topic == topics.BEV)
+    assert abs(len(advice) - ticks / 2) <= 6, 'four ticks in a row out of eight'
+    assert all(0 <= action < 39 for action in advice.values())
+
+
+def test_a_finished_recipe_has_nothing_left_to_do(run) -> None:
+    before = (run / 'metrics.jsonl').read_text()
+    run_recipe(recipe_of(ROUNDS), run, run.parent / 'cache', {}, 1)
+    assert (run / 'metrics.jsonl').read_text() == before
+
+
+def test_a_failed_collector_is_an_error_that_names_its_log(tmp_path) -> None:
+    rounds = [{'collect': [{'driver': 'nobody', 'ticks': 10}], 'steps': 1}]
+    with pytest.raises(CheckpointError, match=r'collect failed .*00_0_nobody.log.*unknown driver'):
+        run_recipe(recipe_of(rounds), tmp_path / 'run', tmp_path / 'cache', {}, 1)
+
+
+def test_the_best_round_is_kept(run, tmp_path) -> None:
+    checkpoint = newest_checkpoint(run / 'checkpoints')
+    assert keep_if_best(tmp_path, checkpoint, {'driving_score': 30.0, 'round': 1})
+    assert not keep_if_best(tmp_path, checkpoint, {'driving_score': 20.0, 'round': 2})
+    assert keep_if_best(tmp_path, checkpoint, {'driving_score': 31.0, 'round': 3})
+    assert json.loads((tmp_path / 'best' / 'score.json').read_text())['round'] == 3
+
+
+def test_settings_add_up_and_the_command_line_wins() -> None:
+    rounds = [{'steps': 1, 'set': {'starts': 4}}, {'steps': 2, 'set': {'imitate': 0.5}}]
+    recipe = Recipe(set={'starts': 2, 'gamma': 0.9}, rounds=rounds)
+    assert recipe.settings(1, {'gamma': 0.8}) == {'starts': 4, 'gamma': 0.8, 'imitate': 0.5}
+    assert [recipe.total_steps(i) for i in range(2)] == [1, 3]
+    seeds = {recipe.seed(s, r, i) for s in range(3) for r in range(5) for i in range(10)}
+    assert len(seeds) == 150, 'no two collections drive the same routes'
+
+
+def test_shipped_recipes_are_read_and_mistakes_are_named(tmp_path) -> None:
+    assert load_recipe('teacher').rounds
+    with pytest.raises(ConfigError, match=r'known: .*teacher'):
+        load_recipe('nobody')
+    broken = tmp_path / 'broken.yaml'
+    broken.write_text('rounds:\n  - {collect: [{driver: expert, tick: 5}], steps: 1}\n')
+    with pytest.raises(ConfigError, match=r'rounds\.0\.collect\.0\.tick'):
+        load_recipe(str(broken))
+
+
+def test_a_teacher_bundle_decides_as_its_run_does(run, tmp_path) -> None:
+    identity = save_teacher(tmp_path / 'teacher', run, {'training_ticks': 1})
+    bundle, original = load_teacher(tmp_path / 'teacher'), load_teacher(run)
+    assert identity == teacher_identity(tmp_path / 'teacher') != teacher_identity(run)
+    feature = torch.randn(20, original.config.model.feature_size)
+    assert torch.allclose(bundle.policy.actor(feature), original.policy.actor(feature), atol=2e-2)
+    assert torch.allclose(bundle.model.reward(feature), original.model.reward(feature), atol=2e-2)
+    assert bundle.model.advice is None and original.model.advice is not None
+    assert 'RSSM' in (tmp_path / 'teacher' / 'MODEL_CARD.md').read_text()
+    weights = tmp_path / 'teacher' / 'weights.safetensors'
+    weights.write_bytes(weights.read_bytes()[:-1] + b'\x01')
+    with pytest.raises(CheckpointError, match='do not match their hash'):
+        load_teacher(tmp_path / 'teacher')
+
+
+def test_recipe_and_bags_exclude_each_other(capsys) -> None:
+    assert main(['train', 'privileged', '--recipe', 'teacher', '--bags', 'bags', '--run', 'runs/never']) == 2
+    assert 'collects its own bags' in capsys.readouterr().err
+    assert main(['train', 'privileged', '--run', 'runs/never']) == 2
+    assert 'give --bags' in capsys.readouterr().err
