@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.errors import UsageError
     from raw2drive_ros.cli.progress import bar
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
-    from raw2drive_ros.evaluation.drivers import make_driver
+    from raw2drive_ros.evaluation.drivers import expert_episodes, make_driver
     from raw2drive_ros.evaluation.routes import routes_of
     from raw2drive_ros.evaluation.table_actions import Advised, TableActions
     from raw2drive_ros.simulation.camera_rig import SIZES
@@ -68,10 +68,12 @@ def run(options: argparse.Namespace) -> int:
     scenarios = tuple(route.type for route in routes_of(options.routes, 1))
     noise = 0.0 if options.table else options.noise
     driver = make_driver(options.driver, options.bundle, options.training_run, noise)
+    if options.table and options.driver == 'expert':
+        driver = expert_episodes(coarse=True)
     if options.table:
         driver = TableActions(driver, options.noise, advises=options.driver == 'expert')
     if options.advice and not (options.table and options.driver == 'expert'):
-        driver = Advised(driver, make_driver('expert'), options.advice_every)
+        driver = Advised(driver, expert_episodes(coarse=True), options.advice_every)
     config = CollectConfig(
         scenarios,
         options.ticks,

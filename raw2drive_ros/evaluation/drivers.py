@@ -20,7 +20,7 @@ from raw2drive_ros.evaluation.simple_drivers import IdmMobil, constant_speed
 from raw2drive_ros.paths import default_teacher
 from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
-from raw2drive_ros.simulation.world import World
+from raw2drive_ros.simulation.world import SUBSTEPS, World
 from raw2drive_ros.world_model.distributions import sample_one_hot
 from raw2drive_ros.world_model.rssm import State
 
@@ -87,6 +87,11 @@ def rule_episodes(noise: float = 0.0) -> WorldEpisodes:
         return RuleDriver(rng, noise if rng.random() < 0.75 else 0.0).control
 
     return WorldEpisodes(make)
+
+
+def expert_episodes(*, coarse: bool = False) -> WorldEpisodes:
+    """The expert; coarse: rehearsing in steps of a decision, which halves its cost and solves as many routes."""
+    return WorldEpisodes(lambda seed: Expert(SUBSTEPS if coarse else 1).control)
 
 
 class PrivilegedEpisodes:
@@ -169,7 +174,7 @@ def make_driver(
     if name in ('idm', 'constant'):
         return WorldEpisodes(lambda seed: IdmMobil().control if name == 'idm' else constant_speed)
     if name == 'expert':
-        return WorldEpisodes(lambda seed: Expert().control)
+        return expert_episodes()
     if name == 'privileged':
         return PrivilegedEpisodes(run or default_teacher(), noise)
     if name == 'raw':

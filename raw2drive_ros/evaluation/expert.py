@@ -51,21 +51,22 @@ class Plan:
 
 
 class Expert:
-    """control(world) -> Control. Deterministic."""
+    """control(world) -> Control. Deterministic. stride: of the twins in which plans are rehearsed (`World.fork`)."""
 
-    def __init__(self) -> None:
+    def __init__(self, stride: int = 1) -> None:
+        self.stride = stride
         self.plan = Plan(SPEED_SHARES[0])
         self.age = REPLAN_TICKS
 
     def control(self, world: World) -> Control:
         self.age += 1
         if self.age >= REPLAN_TICKS:
-            self.plan = choose(world, self.plan)
+            self.plan = choose(world, self.plan, self.stride)
             self.age = 0
         return follow(world, self.plan)
 
 
-def choose(world: World, current: Plan) -> Plan:
+def choose(world: World, current: Plan, stride: int = 1) -> Plan:
     """The plan whose simulated future is best.
 
     Another lane is entered only on a plan that nobody has to brake for, seen through to its end: otherwise two
@@ -75,13 +76,13 @@ def choose(world: World, current: Plan) -> Plan:
     before = zone is not None and world.front_s_m < zone[0]
     if zone is not None and before and world.front_s_m > zone[0] - ZONE_SIGHT_M:
         for share in SPEED_SHARES[:3]:
-            if rehearse(world, Plan(share), until_s_m=zone[1])[1]:
+            if rehearse(world, Plan(share), zone[1], stride)[1]:
                 return Plan(share)
     best, best_score = Plan(0.0, hold=before), -math.inf
     for offset in OFFSETS_M:
         for share in SPEED_SHARES:
             plan = Plan(share, offset, before)
-            score, clean = rehearse(world, plan)
+            score, clean = rehearse(world, plan, None, stride)
             if plan == current:
                 score += 0.5
             if score > best_score:
@@ -109,13 +110,13 @@ def detour_zone(world: World) -> tuple[float, float] | None:
     return None
 
 
-def rehearse(world: World, plan: Plan, until_s_m: float | None = None) -> tuple[float, bool]:
+def rehearse(world: World, plan: Plan, until_s_m: float | None = None, stride: int = 1) -> tuple[float, bool]:
     """(score, clean) of driving `plan` in a twin. Score: metres of progress minus penalties.
 
     For `HORIZON_S`, or, where that is given, until the route's arc length `until_s_m` is reached; not to
     reach it within `PASS_LIMIT_S` is not clean.
     """
-    twin = world.fork()
+    twin = world.fork(stride)
     start_s_m = twin.route_s_m
     penalty = 0.0
     horizon_s = HORIZON_S if until_s_m is None else PASS_LIMIT_S
@@ -123,7 +124,7 @@ def rehearse(world: World, plan: Plan, until_s_m: float | None = None) -> tuple[
         if until_s_m is not None and twin.route_s_m >= until_s_m:
             return twin.route_s_m - start_s_m - penalty, penalty == 0.0
         control = follow(twin, plan)
-        for _ in range(SUBSTEPS):
+        for _ in range(SUBSTEPS // stride):
             twin.step(control)
         if hits(twin):
             # Later is better: it leaves time for another plan.

@@ -181,3 +181,19 @@ def test_running_a_stop_sign_is_an_infraction_and_stopping_is_not() -> None:
     while not env.done:
         tick, *_ = env.step(driver.control(env, tick.sensors, tick).control)
     assert env.criteria.events == {}
+
+
+def test_a_coarse_twin_stays_near_the_fine_one() -> None:
+    """Two physics steps in one go: what drivers that look ahead may trade for time."""
+    env = DrivingEnv(SimulationConfig(cameras=False, bev=False))
+    env.reset(seed=1, options={'scenario': 'SignalizedJunctionLeftTurn'})
+    fine, coarse = env.world.fork(), env.world.fork(stride=2)
+    for _ in range(40):
+        for _ in range(2):
+            fine.step(Control(0.4, 0.0, 0.05))
+        coarse.step(Control(0.4, 0.0, 0.05))
+    assert coarse.time_s == fine.time_s
+    assert abs(coarse.ego.speed - fine.ego.speed) < 0.1
+    assert float(np.abs(coarse.ego.position - fine.ego.position).max()) < 0.5
+    assert float(np.abs(coarse.positions - fine.positions).max()) < 1.0
+    assert env.world.time_s == 0.0
