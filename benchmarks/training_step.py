@@ -1,8 +1,9 @@
-"""One stage-1 step (world model and behaviour) of a preset on random data, and what each lever is worth.
+"""One stage-1 step (world model and behaviour) as the teacher's recipe takes it, on random data, and what each lever is
+worth.
 
 Variants take turns, so that a busy machine slows all of them; least and median wall time, and the ratio of the least.
 
-python -m benchmarks.training_step [--preset laptop] [--threads 2] [--samples 6]
+python -m benchmarks.training_step [--recipe teacher] [--threads 2] [--samples 6]
 """
 
 from __future__ import annotations
@@ -23,10 +24,13 @@ from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.training import privileged
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer
+from raw2drive_ros.training.recipe import load_recipe
 from raw2drive_ros.training.replay import Batch
+from raw2drive_ros.world_model import rssm as rssm_module
 from raw2drive_ros.world_model.rssm import Rssm
 
 MASK_SHARE = 0.1
+STEPS = 2
 
 
 def random_batch(trainer: PrivilegedTrainer) -> Batch:
@@ -38,12 +42,16 @@ def random_batch(trainer: PrivilegedTrainer) -> Batch:
     first[:, 0] = True
     ones = torch.ones(b, length)
     ego, vector = torch.rand(b, length, EGO_SIZE), torch.zeros(b, length, 1)
-    return Batch(masks, ego, vector, action, ones, ones, first, torch.zeros(b, dtype=torch.bool), None)
+    return Batch(masks, ego, vector, action, ones, ones, first, action, None)
 
 
-def plain_mask_loss(logits: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
+def plain_mask_loss(logits: torch.Tensor, masks: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
     loss = torch.nn.functional.binary_cross_entropy_with_logits(logits, masks, reduction='none')
-    return loss.sum((1, 2, 3))
+    return (loss * weights[:, None, None]).sum((1, 2, 3))
+
+
+def slow_log_probs(logits: torch.Tensor, unimix: float) -> torch.Tensor:
+    return torch.log(torch.softmax(logits, -1) * (1.0 - unimix) + unimix / logits.shape[-1])
 
 
 @contextmanager
@@ -58,14 +66,20 @@ def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--preset', default='laptop')
+    parser.add_argument('--recipe', default='teacher')
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--samples', type=int, default=6)
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     torch.manual_seed(0)
-    trainer = PrivilegedTrainer(make_config(options.preset))
-    half = PrivilegedTrainer(make_config(options.preset, {'decode_share': 0.5}))
+    recipe = load_recipe(options.recipe)
+    settings = recipe.settings(0, {})
+    trainer = PrivilegedTrainer(make_config(recipe.preset, settings))
+    every = PrivilegedTrainer(make_config(recipe.preset, settings | {'decode_share': 1.0}))
+    imagines = PrivilegedTrainer(make_config(recipe.preset, settings | {'policy_every': 1}))
+    wide = make_config(recipe.preset, settings)
+    wide = wide.model_copy(update={'model': wide.model.model_copy(update={'depthwise': False})})
+    convolves = PrivilegedTrainer(wide)
     batch = random_batch(trainer)
     rows = batch.masks.contiguous(memory_format=torch.contiguous_format)
     contiguous = Batch(rows, *(getattr(batch, name) for name in Batch.__slots__[1:]))
@@ -79,20 +93,25 @@ def main() -> None:
 
     cases: dict[str, Callable[[], Any]] = {
         'as it is': lambda: trainer.step(batch),
-        'half of the states decoded': lambda: half.step(batch),
+        'all states decoded': lambda: every.step(batch),
+        'imagination at every step': lambda: imagines.step(batch),
+        'full 3x3 convolutions': lambda: convolves.step(batch),
+        'softmax over the last axis': without(rssm_module, 'mixed_log_probs', slow_log_probs),
         'weight gradients at every step of the loop': without(Rssm, 'maps', Rssm.plain_maps),
         'binary cross-entropy by autograd': without(privileged, 'mask_loss', plain_mask_loss),
         'masks channels first in memory': lambda: trainer.step(contiguous),
     }
     times: dict[str, list[float]] = {name: [] for name in cases}
+    # An even number of steps a sample: with `policy_every: 2` each holds one imagination.
     for sample in range(options.samples + 1):
         for name, step in cases.items():
             started = time.perf_counter()
-            step()
+            for _ in range(STEPS):
+                step()
             if sample:
-                times[name].append((time.perf_counter() - started) * 1e3)
+                times[name].append((time.perf_counter() - started) * 1e3 / STEPS)
     t = trainer.config.train
-    print(f'{options.preset}: batch {t.batch} x {t.length}, {t.starts} starts x {t.horizon}, {options.threads} threads')
+    print(f'{options.recipe}: batch {t.batch} x {t.length}, {t.starts} starts x {t.horizon}, {options.threads} threads')
     print('| variant | least ms | median ms | steps/s | least, in ratio to "as it is" |\n|---|---|---|---|---|')
     base = min(times['as it is'])
     for name, found in times.items():
