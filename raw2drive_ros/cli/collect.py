@@ -25,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--routes', default='lane-following', help='scenario types, comma separated, or all')
     parser.add_argument('--ticks', type=int, default=20_000, help='decision ticks to write (10 per second)')
     parser.add_argument('--episode-ticks', type=int, default=400, help='cut every episode after so many ticks')
+    parser.add_argument('--stand-ticks', type=int, default=0, help='and when the car has stood for so many (0: never)')
     parser.add_argument('--noise', type=float, default=0.0, help='chance per tick of a burst of random actions')
     parser.add_argument(
         '--table', action='store_true', help="turn the driver's commands into actions of the policy's table of 39"
@@ -80,6 +81,7 @@ def run(options: argparse.Namespace) -> int:
         options.seed,
         not options.no_cameras,
         options.episode_ticks,
+        options.stand_ticks,
         image_size=SIZES[options.size],
         weathers=WEATHER_NAMES if options.weather == 'cycle' else (get_weather(options.weather).name,),
         vary=options.vary,

@@ -17,9 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', type=Path)
     parser.add_argument('--at', type=float, required=True, help='seconds after the first tick of the bag')
     parser.add_argument('--seconds', type=float, default=3.0, help='how long to imagine')
-    parser.add_argument(
-        '--run', dest='training_run', type=Path, help='run, checkpoint or teacher (default: shipped)'
-    )
+    parser.add_argument('--run', dest='training_run', type=Path, help='run, checkpoint or teacher (default: shipped)')
     parser.add_argument(
         '--own-actions', action='store_true', help="imagine the policy's actions, not the recorded ones"
     )

@@ -100,7 +100,7 @@ def _collect(recipe: Recipe, index: int, run: Path, seed: int, workers: int, tit
         for collection, number, target in now:
             driver_seed = recipe.seed(seed, index, number)
             newest = newest_checkpoint(run / 'checkpoints') or run
-            arguments = collection.arguments(recipe.routes, recipe.episode_ticks, driver_seed, newest, target)
+            arguments = collection.arguments(recipe, driver_seed, newest, target)
             jobs.append(Job(arguments, run / 'logs' / f'{target.name}.log'))
         watch(
             f'{title}: collecting ({", ".join(c.title for c, _, _ in now)})',

@@ -20,11 +20,13 @@ from raw2drive_ros.simulation.weather import CLEAR
 
 # Collection seeds start here, so that no collected route is an evaluation route (seeds 0 ... 9,999).
 TRAIN_SEED_START = 100_000
+STANDING_MPS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class CollectConfig:
-    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many. image_size: (H, W).
+    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many, and after `stand_ticks` (0: never)
+    without motion, because a driver that is stuck fills bags with one frame. image_size: (H, W).
     weathers: taken in turn, one an episode. vary: see `SimulationConfig`."""
 
     scenarios: tuple[str, ...]
@@ -32,6 +34,7 @@ class CollectConfig:
     seed: int = 0
     cameras: bool = True
     episode_ticks: int = 400
+    stand_ticks: int = 0
     bag_ticks: int = 2000
     image_size: tuple[int, int] = (96, 160)
     weathers: tuple[str, ...] = (CLEAR,)
@@ -82,11 +85,12 @@ def _episode(
     driver.reset(route.seed)
     tick, _ = env.reset_to(route)
     bag.write(*messages.route(tick))
-    ticks = 0
+    ticks = stood = 0
     while True:
         _write_tick(bag, messages, tick, str(route))
         ticks += 1
-        if env.done or ticks >= config.episode_ticks:
+        stood = stood + 1 if abs(tick.sensors.odometry.speed_mps) < STANDING_MPS else 0
+        if env.done or ticks >= config.episode_ticks or (config.stand_ticks and stood >= config.stand_ticks):
             return ticks
         decision = driver.control(env, as_received(factory, tick), tick)
         bag.write(topics.COMMAND, tick.stamp_ns, decision_to_message(messages.factory, decision))

@@ -27,10 +27,11 @@ class Collection(Strict):
     def title(self) -> str:
         return f'{self.driver} {self.ticks} ticks'
 
-    def arguments(self, routes: str, episode_ticks: int, seed: int, checkpoint: Path, target: Path) -> list[str]:
+    def arguments(self, recipe: Recipe, seed: int, checkpoint: Path, target: Path) -> list[str]:
         """Of `raw2drive`; checkpoint: what driver `privileged` drives with."""
-        found = ['collect', '--driver', self.driver, '--routes', self.routes or routes, '--no-cameras']
-        found += ['--ticks', str(self.ticks), '--episode-ticks', str(episode_ticks), '--noise', str(self.noise)]
+        found = ['collect', '--driver', self.driver, '--routes', self.routes or recipe.routes, '--no-cameras']
+        found += ['--ticks', str(self.ticks), '--episode-ticks', str(recipe.episode_ticks)]
+        found += ['--stand-ticks', str(recipe.stand_ticks), '--noise', str(self.noise)]
         found += ['--seed', str(seed), '--out', str(target)]
         if self.driver == 'privileged':
             found += ['--run', str(checkpoint)]
@@ -53,6 +54,7 @@ class Recipe(Strict):
     preset: str = 'laptop'
     routes: str = 'all'
     episode_ticks: int = 700
+    stand_ticks: int = Field(0, ge=0)
     validation: str = 'validation'
     set: dict[str, Any] = Field(default_factory=dict)
     rounds: list[Round] = Field(min_length=1, max_length=ROUNDS_PER_RUN)
