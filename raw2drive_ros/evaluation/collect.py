@@ -25,8 +25,8 @@ STANDING_MPS = 0.1
 
 @dataclass(frozen=True, slots=True)
 class CollectConfig:
-    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many, and after `stand_ticks` (0: never)
-    without motion, because a driver that is stuck fills bags with one frame. image_size: (H, W).
+    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many, and after `stand_ticks` (0:
+    never) without motion, because a driver that is stuck fills bags with one frame. image_size: (H, W).
     weathers: taken in turn, one an episode. vary: see `SimulationConfig`."""
 
     scenarios: tuple[str, ...]
