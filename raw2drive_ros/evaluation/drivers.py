@@ -176,6 +176,8 @@ def make_driver(
     if name == 'expert':
         return expert_episodes()
     if name == 'privileged':
+        if run is None and not default_teacher().is_dir():
+            raise UnknownDriverError('driver privileged needs --run: this version ships no teacher yet')
         return PrivilegedEpisodes(run or default_teacher(), noise)
     if name == 'raw':
         from raw2drive_ros.driving.bundle import load_bundle

@@ -180,7 +180,7 @@ def test_a_factor_of_zero_moves_no_weight(replay) -> None:
 def test_wrong_field_is_named() -> None:
     with pytest.raises(ConfigError, match='learning_rate'):
         make_config('nano', {'learning_rate': 1})
-    with pytest.raises(ConfigError, match='known: laptop, nano, paper'):
+    with pytest.raises(ConfigError, match='known: laptop, laptop_flat, nano, paper'):
         make_config('huge')
 
 
