@@ -78,9 +78,8 @@ def run_recipe(recipe: Recipe, run: Path, cache: Path, overrides: dict[str, Any]
         newest = newest_checkpoint(run / 'checkpoints')
         trained = int(newest.name) if newest else 0
         total = recipe.total_steps(index)
-        if trained < total or index == 0:
-            _collect(recipe, index, run, int(overrides.get('seed', recipe.set.get('seed', 0))), workers, title)
         if trained < total:
+            _collect(recipe, index, run, int(overrides.get('seed', recipe.set.get('seed', 0))), workers, title)
             _train(recipe, index, run, cache, overrides, title)
         if recipe.validation and trained <= total:
             _validate(recipe, index, run, workers, title)
