@@ -12,6 +12,7 @@ from msg_adapters.factory import MessageFactory, fill_bytes
 from msg_adapters.named_values import named_values_from_message, named_values_to_message
 from msg_adapters.sensors import BASE_FRAME
 from msg_adapters.stamps import set_stamp, stamp_ns
+from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.contract import ContractError
 from raw2drive_ros.privileged_contract import EGO_FIELDS, PrivilegedFrame, Transition
 
@@ -66,8 +67,11 @@ def advice_to_message(factory: MessageFactory, action: int, time_ns: int) -> Any
 
 
 def advice_from_message(message: Any) -> tuple[int, int]:
-    """(stamp in ns, action). Raises ContractError where the field is missing."""
-    return stamp_ns(message.header.stamp), int(named_values_from_message(message, 'action')['action'])
+    """(stamp in ns, action). Raises ContractError where the field is missing or no action of the table."""
+    action = named_values_from_message(message, 'action')['action']
+    if not 0 <= action < ACTION_COUNT:
+        raise ContractError(f'advice: action {action} is not in the table of {ACTION_COUNT}')
+    return stamp_ns(message.header.stamp), int(action)
 
 
 def transition_to_message(factory: MessageFactory, transition: Transition, episode: str) -> Any:

@@ -57,11 +57,11 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.drivers import expert_episodes, make_driver
     from raw2drive_ros.evaluation.routes import routes_of
-    from raw2drive_ros.evaluation.table_actions import Advised, TableActions
+    from raw2drive_ros.evaluation.table_actions import ASKED_TICKS, Advised, TableActions
     from raw2drive_ros.simulation.camera_rig import SIZES
 
-    if options.advice_every < 4:
-        raise UsageError('--advice-every: give 4 or more')
+    if options.advice_every < ASKED_TICKS:
+        raise UsageError(f'--advice-every: give {ASKED_TICKS} or more')
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     cv2.setNumThreads(1)

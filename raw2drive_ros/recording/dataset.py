@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import topics
-from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.contract import CameraCalibration, ContractError
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
 from raw2drive_ros.privileged_contract import EGO_FIELDS
 from raw2drive_ros.recording.bag_info import provenance_of
@@ -124,7 +124,10 @@ def _fill(
     ego = np.zeros((count, len(EGO_FIELDS)), np.float32)
     vector = np.zeros((count, VECTOR_SIZE), np.float32)
     action, advice = np.zeros(count, np.int64), np.full(count, -1, np.int64)
-    advised = read_advice(reader, RosbagsFactory())
+    try:
+        advised = read_advice(reader, RosbagsFactory())
+    except ContractError as error:
+        raise BagError(f'{path}: {error}') from error
     reward = np.zeros(count, np.float32)
     flags = np.zeros(count, np.uint8)
     images: Any = None

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from msg_adapters import commands, compressed, diagnostics, named_values, privileged, sensors
 from msg_adapters.factory import RclpyFactory, RosbagsFactory
 from msg_adapters.stamps import set_stamp, stamp_ns
+from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.bev_channels import CHANNEL_COUNT
 from raw2drive_ros.contract import ContractError, Control, Decision, ImuSample, OdometrySample, Route
 from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
@@ -210,3 +211,11 @@ def test_rclpy_and_rosbags_read_each_others_bytes() -> None:
     theirs = bytes(serialize_message(commands.decision_to_message(rclpy, decision)))[: len(ours)]
     read = rosbags.deserialize(theirs, 'sensor_msgs/msg/JointState')
     assert commands.decision_from_message(read) == decision
+
+
+@pytest.mark.parametrize('action', [-1, ACTION_COUNT, float('nan')])
+def test_advice_outside_the_table_is_refused(action) -> None:
+    factory = RosbagsFactory()
+    assert privileged.advice_from_message(privileged.advice_to_message(factory, 5, 42)) == (42, 5)
+    with pytest.raises(ContractError, match='not in the table'):
+        privileged.advice_from_message(privileged.advice_to_message(factory, action, 42))
