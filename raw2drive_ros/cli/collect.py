@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.drivers import expert_episodes, make_driver
     from raw2drive_ros.evaluation.routes import routes_of
-    from raw2drive_ros.evaluation.table_actions import ASKED_TICKS, Advised, TableActions
+    from raw2drive_ros.evaluation.table_actions import ASKED_TICKS, Advised, through_table
     from raw2drive_ros.simulation.camera_rig import SIZES
 
     if options.advice_every < ASKED_TICKS:
@@ -69,10 +69,8 @@ def run(options: argparse.Namespace) -> int:
     scenarios = tuple(route.type for route in routes_of(options.routes, 1))
     noise = 0.0 if options.table else options.noise
     driver = make_driver(options.driver, options.bundle, options.training_run, noise)
-    if options.table and options.driver == 'expert':
-        driver = expert_episodes(coarse=True)
     if options.table:
-        driver = TableActions(driver, options.noise, advises=options.driver == 'expert')
+        driver = through_table(options.driver, driver, options.noise)
     if options.advice and not (options.table and options.driver == 'expert'):
         driver = Advised(driver, expert_episodes(coarse=True), options.advice_every)
     config = CollectConfig(

@@ -42,6 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--first-seed', type=int, default=0, help='--routes: seed of the first route')
     parser.add_argument('--weather', help="drive in this weather (default: the suite's own; --routes: ClearNoon)")
     parser.add_argument('--blind', action='store_true', help='black out every camera (how much do they matter?)')
+    parser.add_argument(
+        '--table',
+        action='store_true',
+        help="turn commands into the policy's 39 actions (what can be imitated at best?)",
+    )
     parser.add_argument('--quirks', action='store_true', help='efficiency and comfort as Bench2Drive computes them')
     parser.add_argument('--threads', type=int, default=1, help='torch threads')
     parser.add_argument('--workers', type=int, default=1, help='processes that drive at the same time')
@@ -63,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
     cv2.setNumThreads(1)
     suite, version, routes = _routes(options)
     bundle = options.bundle or default_bundle()
-    spec = DriverSpec(options.driver, bundle, options.training_run, options.threads, options.blind)
+    spec = DriverSpec(options.driver, bundle, options.training_run, options.threads, options.blind, options.table)
     # Before any process starts or any file is written: can this driver be built at all?
     spec.build()
     strips = strips_of(options.out) if options.out else None
@@ -100,6 +105,8 @@ def _routes(options: argparse.Namespace) -> tuple[str, str, list[RouteId]]:
         raise UsageError('--workers and --seeds: give 1 or more')
     if options.graph and (options.workers > 1 or options.blind):
         raise UsageError('--graph drives one route after another, with open eyes: no --workers, no --blind')
+    if options.table and (options.graph or options.driver in ('raw', 'privileged')):
+        raise UsageError('--table is for drivers of continuous commands, in process: expert, rule, idm, constant')
     if options.weather is not None:
         get_weather(options.weather)
     if options.suite is None:

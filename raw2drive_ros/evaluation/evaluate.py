@@ -19,6 +19,7 @@ from raw2drive_ros.evaluation.drivers import Blindfold, EpisodeDriver, make_driv
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.metrics import RouteResult, failed_route
 from raw2drive_ros.evaluation.statistics import Results, by_ability, flaky, summary
+from raw2drive_ros.evaluation.table_actions import through_table
 from raw2drive_ros.paths import default_teacher
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
@@ -42,16 +43,19 @@ class Observer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DriverSpec:
-    """What a worker process builds its driver from; see `drivers.make_driver`."""
+    """What a worker process builds its driver from; see `drivers.make_driver` and, for table, `through_table`."""
 
     name: str
     bundle: Path | None = None
     run: Path | None = None
     threads: int = 1
     blind: bool = False
+    table: bool = False
 
     def build(self) -> EpisodeDriver:
         driver = make_driver(self.name, self.bundle, self.run, 0.0, self.threads)
+        if self.table:
+            driver = through_table(self.name, driver)
         return Blindfold(driver) if self.blind else driver
 
     def identity(self) -> str:
@@ -64,7 +68,8 @@ class DriverSpec:
             from raw2drive_ros.training.teacher import teacher_identity
 
             weights = teacher_identity(self.run or default_teacher())
-        return ' '.join(filter(None, (self.name, weights, 'blind' if self.blind else '')))
+        options = ['blind'] * self.blind + ['table'] * self.table
+        return ' '.join(filter(None, (self.name, weights, *options)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from raw2drive_ros.actions import ACTIONS, BRAKE_ACTION
 from raw2drive_ros.contract import Control, Decision, SensorFrame
-from raw2drive_ros.evaluation.drivers import EpisodeDriver
+from raw2drive_ros.evaluation.drivers import EpisodeDriver, expert_episodes
 from raw2drive_ros.evaluation.expert import REPLAN_TICKS
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
@@ -69,6 +69,12 @@ class TableActions:
             self.burst -= 1
             action = self.random_action
         return Decision(frame.stamp_ns, ACTIONS[action], action, info={'advice': advice} if self.advises else {})
+
+
+def through_table(name: str, driver: EpisodeDriver, noise: float = 0.0) -> TableActions:
+    """A driver by its name as `--table` makes it: the expert rehearses coarsely and its bags hold what it wanted."""
+    is_expert = name == 'expert'
+    return TableActions(expert_episodes(coarse=True) if is_expert else driver, noise, advises=is_expert)
 
 
 class Advised:

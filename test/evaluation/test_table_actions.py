@@ -3,9 +3,11 @@
 import pytest
 
 from raw2drive_ros.actions import ACTIONS, BRAKE_ACTION
+from raw2drive_ros.cli.main import main
 from raw2drive_ros.contract import Control
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import as_received, drive_route
+from raw2drive_ros.evaluation.evaluate import DriverSpec, evaluate
 from raw2drive_ros.evaluation.table_actions import Advised, TableActions, table_action
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
@@ -89,3 +91,16 @@ def _factory():
     from msg_adapters.factory import RosbagsFactory
 
     return RosbagsFactory()
+
+
+def test_evaluation_through_the_table_is_known_by_its_name_and_solves_what_the_driver_does() -> None:
+    spec = DriverSpec('expert', table=True)
+    assert spec.identity() == 'expert table'
+    result = evaluate(spec, 'x', '1', [RouteId('ParkedObstacle', 0)])
+    assert [row['success'] for row in result['routes']] == [True]
+
+
+@pytest.mark.parametrize('arguments', [('--driver', 'privileged'), ('--driver', 'rule', '--graph')])
+def test_the_table_is_for_continuous_drivers_in_process(arguments, capsys) -> None:
+    assert main(['evaluate', '--table', *arguments]) == 2
+    assert '--table is for drivers of continuous commands' in capsys.readouterr().err
