@@ -59,8 +59,8 @@ def run(options: argparse.Namespace) -> int:
 
     # Before torch allocates anything: huge pages halve the cost of large elementwise kernels.
     os.environ.setdefault('THP_MEM_ALLOC_ENABLE', '1')
-    # Threads that wait by spinning for long stop each other when anything else runs: ten times slower beside a collector.
-    # Threads that sleep at once cost a third of the speed on a quiet machine. So: spin for some tens of microseconds.
+    # Threads that spin for long while they wait stop each other when anything else runs: ten times slower beside a
+    # collector. Threads that sleep at once cost a third of the speed. So: spin for some tens of microseconds.
     os.environ.setdefault('OMP_WAIT_POLICY', 'PASSIVE')
     os.environ.setdefault('GOMP_SPINCOUNT', '30000')
     from raw2drive_ros.cli.errors import UsageError
