@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from msg_adapters.factory import MessageFactory
@@ -34,6 +35,6 @@ def decision_from_message(message: Any) -> Decision:
     return Decision(
         stamp_ns(message.header.stamp),
         control,
-        int(action) if action == action else -1,
+        int(action) if math.isfinite(action) else -1,
         values.get('inference_ms', 0.0),
     )

@@ -11,11 +11,13 @@ import math
 from dataclasses import dataclass, field
 
 from raw2drive_ros.contract import ContractError, Control, Decision
+from raw2drive_ros.driving.gate_limits import MotionLimits, limited
+from raw2drive_ros.driving.gate_monitors import Oscillation, Saturation
 
 
 class GateState(enum.Enum):
-    """waiting: no proposal yet, brake held. driving: proposals pass. comfortable_stop: silent planner.
-    emergency_stop: latched until `activate`."""
+    """waiting: no proposal yet, brake held. driving: proposals pass. comfortable_stop, emergency_stop: latched until
+    `activate`."""
 
     WAITING = 'waiting'
     DRIVING = 'driving'
@@ -23,67 +25,244 @@ class GateState(enum.Enum):
     EMERGENCY_STOP = 'emergency_stop'
 
 
+SHORTEST_S = 0.001
+STOPS = (GateState.COMFORTABLE_STOP, GateState.EMERGENCY_STOP)
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """One instant on both clocks, seconds. ros_s: /clock or system time, whatever stamps are made of."""
+
+    steady_s: float
+    ros_s: float
+
+
 @dataclass(frozen=True, slots=True)
 class GateLimits:
-    """Times in seconds; brake is the pedal of each kind of stop. See `params/timing.yaml`."""
+    """Times in seconds, brakes as pedals; `params/timing.yaml` and `params/gate.yaml` say what each is for."""
 
     comfortable_after_s: float = 0.3
     emergency_after_s: float = 0.8
+    frozen_after_s: float = 10.0
+    frozen_odometry: int = 20
+    proposal_age_s: float = 0.3
+    odometry_after_s: float = 0.5
+    clock_back_s: float = 0.05
     comfortable_brake: float = 0.15
-    emergency_brake: float = 0.6
     comfortable_brake_rate_1ps: float = 0.5
+    emergency_brake: float = 0.6
     hold_brake: float = 0.3
+    speed_margin_mps: float = 2.0
+    standing_mps: float = 0.3
+    slowing_after_s: float = 2.0
+    slowing_mps: float = 0.5
+    swing: float = 1.0
+    swings: int = 10
+    swing_window_s: float = 2.0
+    saturated_after_s: float = 5.0
 
 
 @dataclass(slots=True)
 class Gate:
-    """propose() and tick() both return the command to publish now; `now_s` may be any steady clock."""
+    """propose(), refuse() and tick() return the command to publish now.
+
+    steady: silence is measured by the steady clock, as on a car; otherwise by ROS time, which a simulation may pause or
+    slow down. A car that moves on while ROS time stands is told from a pause by its odometry: `frozen_odometry`
+    messages since the last proposal are silence too, and without odometry `frozen_after_s` of the steady clock is.
+    counts: events by name, for diagnostics.
+    """
 
     limits: GateLimits = field(default_factory=GateLimits)
+    motion: MotionLimits = field(default_factory=MotionLimits)
+    steady: bool = True
     state: GateState = GateState.WAITING
     reason: str = 'no proposal yet'
-    last_valid_s: float = -math.inf
-    last_control: Control = field(default_factory=Control)
-    stopped_since_s: float = 0.0
     counts: dict[str, int] = field(default_factory=dict)
+    speed_mps: float | None = None
+    last_control: Control = field(default_factory=Control)
+    _last_valid: Moment | None = None
+    _last_stamp_s: float = -math.inf
+    _last_refused: str = ''
+    _last_odometry: Moment | None = None
+    _newest_ros_s: float = -math.inf
+    _unclocked: int = 0
+    _passed: Moment = field(default_factory=lambda: Moment(0.0, 0.0))
+    _stopped: Moment = field(default_factory=lambda: Moment(0.0, 0.0))
+    _stopped_at_mps: float = 0.0
+    _crowded: str = ''
+    _oscillation: Oscillation = field(init=False)
+    _saturation: Saturation = field(init=False)
 
-    def activate(self) -> None:
-        """Leave any stop; the next valid proposal drives."""
-        self.state, self.reason = GateState.WAITING, 're-activated'
+    def __post_init__(self) -> None:
+        limits = self.limits
+        self._oscillation = Oscillation(limits.swing, limits.swings, limits.swing_window_s)
+        self._saturation = Saturation(limits.saturated_after_s)
 
-    def propose(self, decision: Decision, now_s: float) -> Control:
-        """Judge a proposal that arrived at `now_s`."""
-        if self.state is GateState.EMERGENCY_STOP:
-            return self.tick(now_s)
+    # -- what happens ---------------------------------------------------------------------------------
+
+    def propose(self, decision: Decision, now: Moment) -> Control:
+        """Judge a proposal that arrived now."""
+        stamp_s = decision.stamp_ns * 1e-9
         try:
             control = decision.control.validate()
         except ContractError as error:
-            self._stop(GateState.EMERGENCY_STOP, f'invalid proposal: {error}', now_s)
-            return self.tick(now_s)
-        if self.state is GateState.COMFORTABLE_STOP:
-            # Latched as well: a planner that was silent once must be looked at.
-            return self.tick(now_s)
-        self.state, self.reason = GateState.DRIVING, ''
-        self.last_valid_s, self.last_control = now_s, control
+            return self.refuse(f'invalid proposal: {error}', now)
+        age_s = now.ros_s - stamp_s
+        if age_s > self.limits.proposal_age_s or age_s < -self.limits.proposal_age_s:
+            self._overlook(
+                'late' if age_s > 0.0 else 'early',
+                f'the last one is {age_s:.2f} s old; do planner and gate have the same clock?',
+            )
+            return self.tick(now)
+        if stamp_s < self._last_stamp_s:
+            self._overlook('out_of_order', 'the last one is older than the one before')
+            return self.tick(now)
+        if not self.steady:
+            # In lock-step a proposal may overtake the /clock message of its own tick.
+            now = Moment(now.steady_s, max(now.ros_s, stamp_s))
+        self._last_stamp_s, self._last_valid, self._last_refused, self._unclocked = stamp_s, now, '', 0
+        if self.state is GateState.WAITING and not self._crowded:
+            self.state, self.reason = GateState.DRIVING, ''
+            self.last_control, self._passed = Control(0.0, self.limits.hold_brake, 0.0), now
+        return self._pass(control, now) if self.state is GateState.DRIVING else self.tick(now)
+
+    def refuse(self, reason: str, now: Moment) -> Control:
+        """A proposal that is no command at all: emergency stop."""
+        self._stop(GateState.EMERGENCY_STOP, reason, now)
+        return self.tick(now)
+
+    def observe(self, speed_mps: float, now: Moment) -> None:
+        """Measured speed, signed; not finite counts as silence of the odometry."""
+        if math.isfinite(speed_mps):
+            self.speed_mps, self._last_odometry = speed_mps, now
+        if self._last_valid is not None and now.ros_s <= self._last_valid.ros_s:
+            self._unclocked += 1
+
+    def crowd(self, proposing: int, commanding: int, now: Moment) -> None:
+        """How many publishers the topics of proposals and of commands have now, the gate itself among the latter."""
+        names = [name for name, count in (('proposals', proposing), ('commands', commanding)) if count > 1]
+        self._crowded = f'more than one publisher of {" and of ".join(names)}' if names else ''
+        if self._crowded and self.state is not GateState.WAITING:
+            self._stop(GateState.EMERGENCY_STOP, self._crowded, now)
+
+    def activate(self) -> str:
+        """Leave any stop, so that the next valid proposal drives; returns why not, or ''."""
+        if self._crowded:
+            return self._crowded
+        if self.state in STOPS and self.speed_mps is not None and self._moves:
+            return f'the car still drives at {self.speed_mps:.1f} m/s'
+        self.state, self.reason = GateState.WAITING, 're-activated'
+        self._last_valid = self._last_odometry = self.speed_mps = None
+        self._last_stamp_s, self._unclocked = -math.inf, 0
+        self._oscillation.reset()
+        self._saturation.reset()
+        return ''
+
+    def tick(self, now: Moment) -> Control:
+        """The command now, without a new proposal."""
+        self._watch(now)
+        match self.state:
+            case GateState.DRIVING:
+                return self.last_control
+            case GateState.WAITING:
+                return Control(0.0, self.limits.hold_brake, 0.0)
+            case GateState.COMFORTABLE_STOP:
+                rising = max(0.0, self._since(self._stopped, now)) * self.limits.comfortable_brake_rate_1ps
+                brake = min(self.limits.comfortable_brake, rising)
+            case _:
+                brake = self.limits.emergency_brake
+        # A stop never brakes less than the planner did when it began.
+        return Control(0.0, max(brake, self.last_control.brake), self.last_control.steer)
+
+    # -- how it is judged -----------------------------------------------------------------------------
+
+    def _pass(self, wanted: Control, now: Moment) -> Control:
+        """A valid proposal while driving: watched over time, cut to the limits."""
+        if self._oscillation.see(wanted.steer, self._clock(now)):
+            self._stop(GateState.COMFORTABLE_STOP, f'steering swings to and fro {self.limits.swings} times', now)
+        elif self._saturation.see(wanted.steer if self._moves else 0.0, self._clock(now)):
+            self._stop(GateState.COMFORTABLE_STOP, f'full lock for {self.limits.saturated_after_s:.0f} s', now)
+        if self.state is not GateState.DRIVING:
+            return self.tick(now)
+        dt_s = min(max(self._since(self._passed, now), SHORTEST_S), self.limits.comfortable_after_s)
+        control, names = limited(wanted, self.last_control, self.speed_mps, dt_s, self.motion)
+        for name in names:
+            self._count(f'limited_{name}')
+        self.last_control, self._passed = control, now
         return control
 
-    def tick(self, now_s: float) -> Control:
-        """The command at `now_s` without a new proposal."""
-        silent_s = now_s - self.last_valid_s
-        if self.state is GateState.DRIVING and silent_s > self.limits.comfortable_after_s:
-            self._stop(GateState.COMFORTABLE_STOP, f'no valid proposal for {silent_s * 1e3:.0f} ms', now_s)
-        if self.state is GateState.COMFORTABLE_STOP and silent_s > self.limits.emergency_after_s:
-            self._stop(GateState.EMERGENCY_STOP, f'no valid proposal for {silent_s * 1e3:.0f} ms', now_s)
-        if self.state is GateState.DRIVING:
-            return self.last_control
-        if self.state is GateState.WAITING:
-            return Control(0.0, self.limits.hold_brake, 0.0)
-        steer = self.last_control.steer
-        if self.state is GateState.COMFORTABLE_STOP:
-            rising = (now_s - self.stopped_since_s) * self.limits.comfortable_brake_rate_1ps
-            return Control(0.0, min(self.limits.comfortable_brake, max(0.0, rising)), steer)
-        return Control(0.0, self.limits.emergency_brake, steer)
+    @property
+    def _moves(self) -> bool:
+        """A speed that is not known counts as moving."""
+        return self.speed_mps is None or abs(self.speed_mps) > self.limits.standing_mps
 
-    def _stop(self, state: GateState, reason: str, now_s: float) -> None:
-        self.state, self.reason, self.stopped_since_s = state, reason, now_s
-        self.counts[state.value] = self.counts.get(state.value, 0) + 1
+    def _watch(self, now: Moment) -> None:
+        """Everything that stops the car by time alone, or by what was measured."""
+        limits, back_s = self.limits, self._newest_ros_s - now.ros_s
+        self._newest_ros_s = now.ros_s
+        if self.state is GateState.DRIVING:
+            self._watch_driving(now, back_s)
+        if self.state is not GateState.COMFORTABLE_STOP:
+            return
+        silent = self._silent(now, limits.emergency_after_s)
+        if silent:
+            self._stop(GateState.EMERGENCY_STOP, silent, now)
+        elif (
+            self.speed_mps is not None
+            and abs(self.speed_mps) > limits.standing_mps
+            and self._since(self._stopped, now) > limits.slowing_after_s
+            and abs(self.speed_mps) > self._stopped_at_mps - limits.slowing_mps
+        ):
+            self._stop(GateState.EMERGENCY_STOP, 'the car does not slow down', now)
+
+    def _watch_driving(self, now: Moment, back_s: float) -> None:
+        limits, speed = self.limits, abs(self.speed_mps or 0.0)
+        silent = self._silent(now, limits.comfortable_after_s)
+        blind_s = 0.0 if self._last_odometry is None else self._since(self._last_odometry, now)
+        if silent:
+            reason = silent
+        elif back_s > limits.clock_back_s:
+            reason = f'ROS time went back by {back_s:.2f} s'
+        elif blind_s > limits.odometry_after_s:
+            reason = f'no odometry for {blind_s * 1e3:.0f} ms'
+        elif speed > self.motion.max_speed_mps + limits.speed_margin_mps:
+            reason = f'{speed:.1f} m/s is too fast'
+        else:
+            return
+        self._stop(GateState.COMFORTABLE_STOP, reason, now)
+
+    def _silent(self, now: Moment, after_s: float) -> str:
+        """Why the planner counts as silent, or ''."""
+        assert self._last_valid is not None
+        silent_s, steady_s = self._since(self._last_valid, now), now.steady_s - self._last_valid.steady_s
+        refused = f' ({self._last_refused})' if self._last_refused else ''
+        if silent_s > after_s:
+            return f'no valid proposal for {silent_s * 1e3:.0f} ms{refused}'
+        if self._unclocked > self.limits.frozen_odometry:
+            return f'no valid proposal while odometry came {self._unclocked} times and ROS time stood still{refused}'
+        if self._last_odometry is None and steady_s > self.limits.frozen_after_s:
+            return f'no valid proposal for {steady_s:.1f} s, and ROS time advanced by {silent_s:.2f} s{refused}'
+        return ''
+
+    def _overlook(self, name: str, why: str) -> None:
+        """A proposal that counts as silence."""
+        self._count(name)
+        self._last_refused = why
+
+    def _stop(self, state: GateState, reason: str, now: Moment) -> None:
+        if self.state is GateState.EMERGENCY_STOP:
+            # The first cause is the one to look at.
+            return
+        self.state, self.reason, self._stopped = state, reason, now
+        self._stopped_at_mps = abs(self.speed_mps or 0.0)
+        self._last_valid = self._last_valid or now
+        self._count(state.value)
+
+    def _count(self, name: str) -> None:
+        self.counts[name] = self.counts.get(name, 0) + 1
+
+    def _clock(self, now: Moment) -> float:
+        return now.steady_s if self.steady else now.ros_s
+
+    def _since(self, then: Moment, now: Moment) -> float:
+        return self._clock(now) - self._clock(then)

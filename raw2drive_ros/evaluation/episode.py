@@ -12,12 +12,14 @@ import numpy as np
 from msg_adapters.factory import MessageFactory, RosbagsFactory
 from msg_adapters.sensors import odometry_from_message, odometry_to_message
 from raw2drive_ros.contract import Control, Decision, SensorFrame
-from raw2drive_ros.driving.gate import Gate
+from raw2drive_ros.driving.gate import Gate, Moment
+from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.evaluation.comfort import comfort_percent
 from raw2drive_ros.evaluation.drivers import EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult, efficiency_percent, score_route
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.timing import load_timing
 
 OnTick = Callable[[Tick, Decision], None]
 
@@ -75,7 +77,9 @@ def drive_route(
 ) -> Drive:
     """Drive a route to its end, or for `max_ticks`."""
     factory = RosbagsFactory()
-    gate = Gate()
+    # As the gate's node in lock-step: silence by ROS time, limits and stops of the shipped files.
+    config = load_gate_config()
+    gate = Gate(config.gate_limits(load_timing()), config.motion_limits(), steady=False)
     driver.reset(driver_seed(route))
     tick, _ = env.reset_to(route)
     drive = Drive(result_of(env, quirks=quirks))
@@ -83,7 +87,9 @@ def drive_route(
         started = time.perf_counter()
         decision = driver.control(env, as_received(factory, tick), tick)
         drive.decide_ms.append((time.perf_counter() - started) * 1e3)
-        control = gate.propose(decision, tick.stamp_ns * 1e-9)
+        now = Moment(time.monotonic(), tick.stamp_ns * 1e-9)
+        gate.observe(tick.sensors.odometry.speed_mps, now)
+        control = gate.propose(decision, now)
         on_tick(tick, decision)
         tick, reward, *_ = env.step(control)
         drive.controls.append(control)

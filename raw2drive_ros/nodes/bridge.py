@@ -288,9 +288,7 @@ class BridgeNode(Node):
             sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name not in unused]
         wanted = int(self.p['wait_for_image_subscribers'])
         deadline = time.perf_counter() + self.timing.discovery_timeout_s
-        while (
-            fewest := min(publisher.get_subscription_count() for publisher in sensors)
-        ) < wanted or self.count_publishers(topics.COMMAND) < 1:
+        while (fewest := min(map(self._listeners, sensors))) < wanted or self.count_publishers(topics.COMMAND) < 1:
             if time.perf_counter() > deadline:
                 if self.endless:
                     self.get_logger().warning('no planner yet; waiting on')
@@ -306,6 +304,12 @@ class BridgeNode(Node):
         deadline = time.perf_counter() + 1.0
         while time.perf_counter() < deadline:
             self.executor_.spin_once(timeout_sec=0.1)
+
+    def _listeners(self, publisher: Any) -> int:
+        """Matched subscribers, the gate not among them: it takes odometry too, and not everybody runs one."""
+        gates = [s for s in self.get_subscriptions_info_by_topic(publisher.topic_name) if s.node_name == 'safety_gate']
+        in_place = publisher.topic_name != topics.PROPOSED
+        return int(publisher.get_subscription_count()) - len(gates) * in_place
 
     def _progress(self, index: int, ticks: int, *, done: bool = False) -> None:
         if not self.p['progress_file']:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
@@ -11,9 +12,11 @@ from std_srvs.srv import Trigger
 from msg_adapters.commands import decision_from_message, decision_to_message
 from msg_adapters.diagnostics import ERROR, OK, WARN
 from msg_adapters.factory import RclpyFactory
+from msg_adapters.sensors import odometry_from_message
 from raw2drive_ros import topics
 from raw2drive_ros.contract import ContractError, Control, Decision
-from raw2drive_ros.driving.gate import Gate, GateLimits, GateState
+from raw2drive_ros.driving.gate import STOPS, Gate, GateState, Moment
+from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
@@ -26,18 +29,26 @@ class SafetyGateNode(Node):
 
     def __init__(self) -> None:
         super().__init__('safety_gate')
-        p = declare(self, {'clock': ('steady', 'what silence is measured by: steady or ros')})
+        p = declare(
+            self,
+            {
+                'clock': ('steady', 'what silence is measured by: steady or ros'),
+                'config': ('', "limits and stops of this vehicle (default: params/gate.yaml, the simulated car's)"),
+            },
+        )
         if p['clock'] not in ('steady', 'ros'):
             raise ValueError(f'parameter clock is {p["clock"]!r}; use steady or ros')
         self.steady = p['clock'] == 'steady'
         timing = load_timing()
-        self.gate = Gate(GateLimits(timing.comfortable_after_s, timing.emergency_after_s))
+        config = load_gate_config(Path(p['config']) if p['config'] else None)
+        self.gate = Gate(config.gate_limits(timing), config.motion_limits(), self.steady)
         self.factory = RclpyFactory()
         self.losses = LossCounter()
         self.output = make_publisher(self, topics.COMMAND)
         self.logged = ''
         self.last_stamp_ns = 0
         make_subscription(self, topics.PROPOSED, self._on_proposal, self.losses)
+        make_subscription(self, topics.ODOMETRY, self._on_odometry, self.losses)
         self.create_service(Trigger, '~/activate', self._on_activate)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         steady = _steady_clock()
@@ -45,25 +56,32 @@ class SafetyGateNode(Node):
         # On the steady clock: a paused simulation must not silence the gate.
         self.create_timer(1.0 / timing.gate_rate_hz, self._on_timer, clock=steady)
 
-    def _now_s(self) -> float:
-        if self.steady:
-            return time.monotonic()
-        return float(self.get_clock().now().nanoseconds) * 1e-9
+    def _now(self) -> Moment:
+        return Moment(time.monotonic(), self.get_clock().now().nanoseconds * 1e-9)
 
     def _on_proposal(self, message: Any) -> None:
+        now = self._now()
         try:
             decision = decision_from_message(message)
         except ContractError as error:
-            # An unreadable proposal counts as an invalid one.
-            self.get_logger().error(str(error), throttle_duration_sec=1.0)
-            decision = Decision(self.last_stamp_ns, Control(float('nan')))
+            stamp_ns = self.get_clock().now().nanoseconds
+            self._publish(self.gate.refuse(f'invalid proposal: {error}', now), Decision(stamp_ns, Control()))
+            return
         self.last_stamp_ns = decision.stamp_ns
-        now_s = time.monotonic() if self.steady else decision.stamp_ns * 1e-9
-        self._publish(self.gate.propose(decision, now_s), decision)
+        self._publish(self.gate.propose(decision, now), decision)
+
+    def _on_odometry(self, message: Any) -> None:
+        try:
+            self.gate.observe(odometry_from_message(message).speed_mps, self._now())
+        except ContractError as error:
+            # Not used, so that it counts as silence.
+            self.get_logger().error(f'odometry refused: {error}', throttle_duration_sec=1.0)
 
     def _on_timer(self) -> None:
+        now = self._now()
+        self.gate.crowd(self.count_publishers(topics.PROPOSED), self.count_publishers(topics.COMMAND), now)
         # While driving, proposals themselves set the pace; the timer only looks for silence.
-        control = self.gate.tick(self._now_s())
+        control = self.gate.tick(now)
         if self.gate.state is GateState.WAITING and not self.steady:
             # In lock-step the vehicle waits for the answer to its tick; "not yet" must not pass for one.
             return
@@ -82,13 +100,20 @@ class SafetyGateNode(Node):
                 self.get_logger().warning(f'{self.gate.state.value}: {self.gate.reason}')
 
     def _on_activate(self, request: Any, response: Any) -> Any:
-        self.gate.activate()
-        response.success, response.message = True, self.gate.state.value
+        refusal = self.gate.activate()
+        response.success, response.message = not refusal, refusal or self.gate.state.value
         return response
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
         level = {GateState.DRIVING: OK, GateState.WAITING: WARN}.get(self.gate.state, ERROR)
-        values = {'state': self.gate.state.value, 'messages_lost': self.losses.total, **self.gate.counts}
+        values = {
+            'state': self.gate.state.value,
+            'speed_mps': 'unknown' if self.gate.speed_mps is None else round(self.gate.speed_mps, 2),
+            'messages_lost': self.losses.total,
+            **self.gate.counts,
+        }
+        if self.gate.state in STOPS:
+            values['remedy'] = 'mend the cause, let the car stand, then call ~/activate'
         return level, self.gate.reason or self.gate.state.value, values
 
 

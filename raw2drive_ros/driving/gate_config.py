@@ -1,0 +1,80 @@
+"""`params/gate.yaml`, validated, together with the gate's share of `params/timing.yaml`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from raw2drive_ros.driving.gate import GateLimits
+from raw2drive_ros.driving.gate_limits import MotionLimits
+from raw2drive_ros.timing import Timing
+from raw2drive_ros.world_model.config import ConfigError, Strict, load_yaml, preset_folder
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Bound = Annotated[float, Field(gt=0)]
+Pedal = Annotated[float, Field(gt=0, le=1)]
+
+
+class MotionConfig(Strict):
+    """See `MotionLimits`."""
+
+    wheelbase_m: Positive
+    max_steer_rad: Annotated[float, Field(gt=0, lt=math.pi / 2)]
+    full_throttle_mps2: Positive
+    full_brake_mps2: Positive
+    max_speed_mps: Bound = math.inf
+    max_acceleration_mps2: Bound = math.inf
+    max_deceleration_mps2: Bound = math.inf
+    max_jerk_mps3: Bound = math.inf
+    max_steer: Annotated[float, Field(gt=0, le=1)] = 1.0
+    max_steer_rate_1ps: Bound = math.inf
+    max_lateral_mps2: Bound = math.inf
+    max_gear_speed_mps: Bound = math.inf
+
+
+class StopConfig(Strict):
+    """See `GateLimits`."""
+
+    comfortable_brake: Pedal
+    comfortable_brake_rate_1ps: Positive
+    emergency_brake: Pedal
+    hold_brake: Pedal
+    speed_margin_mps: Positive
+    standing_mps: Positive
+    slowing_after_s: Positive
+    slowing_mps: Positive
+    swing: Positive
+    swings: int = Field(ge=2)
+    swing_window_s: Positive
+    saturated_after_s: Positive
+
+
+class GateConfig(Strict):
+    """The whole file."""
+
+    motion: MotionConfig
+    stop: StopConfig
+
+    def motion_limits(self) -> MotionLimits:
+        return MotionLimits(**self.motion.model_dump())
+
+    def gate_limits(self, timing: Timing) -> GateLimits:
+        ages = ('comfortable_after_s', 'emergency_after_s', 'frozen_after_s', 'proposal_age_s', 'odometry_after_s')
+        found = {name: getattr(timing, name) for name in (*ages, 'clock_back_s', 'frozen_odometry')}
+        return GateLimits(**found, **self.stop.model_dump())
+
+
+def load_gate_config(path: Path | None = None) -> GateConfig:
+    """The shipped file, or another one. Raises ConfigError that names the field."""
+    file = path or preset_folder() / 'gate.yaml'
+    try:
+        found = GateConfig(**load_yaml(file))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ConfigError(f'{file}: {".".join(map(str, first["loc"]))}: {first["msg"]}') from error
+    if found.stop.comfortable_brake > found.stop.emergency_brake:
+        raise ConfigError(f'{file}: stop.comfortable_brake is above stop.emergency_brake')
+    return found

@@ -1,0 +1,101 @@
+"""What the safety gate lets a command ask of the vehicle: a pure function from command to limited command."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from raw2drive_ros.contract import Control
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """The vehicle's own figures first, then the limits; `math.inf` does not limit.
+
+    full_throttle_mps2, full_brake_mps2: what full pedals do on a flat road. max_steer_rad: road wheels at steer 1.
+    max_steer: fraction of that. max_jerk_mps3 and max_steer_rate_1ps hold between one command and the next.
+    max_gear_speed_mps: faster than this, the direction of driving may not be changed.
+    """
+
+    wheelbase_m: float = 2.9
+    max_steer_rad: float = 0.6
+    full_throttle_mps2: float = 5.0
+    full_brake_mps2: float = 8.0
+    max_speed_mps: float = math.inf
+    max_acceleration_mps2: float = math.inf
+    max_deceleration_mps2: float = math.inf
+    max_jerk_mps3: float = math.inf
+    max_steer: float = 1.0
+    max_steer_rate_1ps: float = math.inf
+    max_lateral_mps2: float = math.inf
+    max_gear_speed_mps: float = math.inf
+
+
+def limited(
+    wanted: Control, before: Control, speed_mps: float | None, dt_s: float, limits: MotionLimits
+) -> tuple[Control, tuple[str, ...]]:
+    """(command, names of the limits that changed it); `wanted` itself where none does.
+
+    before: the command that went out `dt_s` ago. speed_mps: signed, None where it is not known; limits that need it
+    are then left out.
+    """
+    push, pedal_names = _pedals(wanted, before, speed_mps, dt_s, limits)
+    steer, steer_names = _steer(wanted.steer, before.steer, speed_mps, dt_s, limits)
+    names = pedal_names + steer_names
+    if not names:
+        return wanted, names
+    if not pedal_names:
+        return Control(wanted.throttle, wanted.brake, steer, wanted.reverse), names
+    throttle, brake = max(push, 0.0) / limits.full_throttle_mps2, max(-push, 0.0) / limits.full_brake_mps2
+    return Control(min(throttle, 1.0), min(brake, 1.0), steer, wanted.reverse), names
+
+
+def _push(control: Control, limits: MotionLimits) -> float:
+    """Acceleration that the pedals ask for, in the direction of driving."""
+    return control.throttle * limits.full_throttle_mps2 - control.brake * limits.full_brake_mps2
+
+
+def _pedals(
+    wanted: Control, before: Control, speed_mps: float | None, dt_s: float, limits: MotionLimits
+) -> tuple[float, tuple[str, ...]]:
+    push, names = _push(wanted, limits), []
+    bounded = min(max(push, -limits.max_deceleration_mps2), limits.max_acceleration_mps2)
+    if bounded != push:
+        push = bounded
+        names.append('acceleration')
+    step = limits.max_jerk_mps3 * dt_s
+    old = _push(before, limits)
+    if abs(push - old) > step:
+        push = old + math.copysign(step, push - old)
+        names.append('jerk')
+    # Last, because no rate may keep the throttle down on a car that is too fast or in the wrong gear.
+    if speed_mps is not None and push > 0.0:
+        if abs(speed_mps) > limits.max_speed_mps:
+            push = 0.0
+            names.append('speed')
+        elif (speed_mps > limits.max_gear_speed_mps and wanted.reverse) or (
+            speed_mps < -limits.max_gear_speed_mps and not wanted.reverse
+        ):
+            push = 0.0
+            names.append('gear')
+    return push, tuple(names)
+
+
+def _steer(
+    wanted: float, before: float, speed_mps: float | None, dt_s: float, limits: MotionLimits
+) -> tuple[float, tuple[str, ...]]:
+    names = []
+    steer = min(max(wanted, -limits.max_steer), limits.max_steer)
+    if steer != wanted:
+        names.append('steer')
+    if speed_mps is not None:
+        # a = v^2 tan(angle) / wheelbase, the kinematic bicycle.
+        allowed = math.atan2(limits.max_lateral_mps2 * limits.wheelbase_m, speed_mps**2) / limits.max_steer_rad
+        if abs(steer) > allowed:
+            steer = math.copysign(allowed, steer)
+            names.append('lateral')
+    step = limits.max_steer_rate_1ps * dt_s
+    if abs(steer - before) > step:
+        steer = before + math.copysign(step, steer - before)
+        names.append('steer_rate')
+    return steer, tuple(names)
