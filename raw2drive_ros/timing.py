@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from raw2drive_ros.world_model.config import ConfigError, Strict, load_yaml, preset_folder
+from raw2drive_ros.world_model.config import Strict, load_strict, preset_folder
 
 
 class Timing(Strict):
@@ -22,6 +22,10 @@ class Timing(Strict):
     clock_back_s: float = Field(ge=0)
     frozen_after_s: float = Field(gt=0)
     frozen_odometry: int = Field(gt=0)
+    input_age_s: float = Field(gt=0)
+    degraded_gap_s: float = Field(gt=0)
+    stop_gap_s: float = Field(gt=0)
+    gap_count: int = Field(ge=2)
     command_hold_s: float = Field(gt=0)
     command_brake: float = Field(gt=0, le=1)
     lock_step_timeout_s: float = Field(gt=0)
@@ -30,9 +34,4 @@ class Timing(Strict):
 
 def load_timing(path: Path | None = None) -> Timing:
     """Raises ConfigError that names the field."""
-    file = path or preset_folder() / 'timing.yaml'
-    try:
-        return Timing(**load_yaml(file))
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ConfigError(f'{file}: {".".join(map(str, first["loc"]))}: {first["msg"]}') from error
+    return load_strict(Timing, path or preset_folder() / 'timing.yaml')

@@ -16,6 +16,8 @@ from raw2drive_ros.driving.bundle import Bundle
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
 from raw2drive_ros.world_model.rssm import State
 
+FORGET_AFTER_S = 1.0
+
 
 class Driver(Protocol):
     """Anything that can be evaluated: baselines and learned policies alike."""
@@ -32,7 +34,8 @@ class Driver(Protocol):
 class RawDriver:
     """The raw policy, deterministic: modes instead of samples, one thread unless told otherwise.
 
-    A new route (another stamp) starts a new episode by itself.
+    A new route (another stamp) starts a new episode by itself, and so do time that goes back and a gap longer than
+    `FORGET_AFTER_S`: what was believed before says little about now.
     """
 
     name = 'raw'
@@ -47,12 +50,16 @@ class RawDriver:
         self.progress = RouteProgress()
         self.state: State = self.bundle.model.rssm.initial(1)
         self.action = torch.zeros(1, ACTION_COUNT)
+        self.stamp_ns: int | None = None
 
     def drive(self, frame: SensorFrame, route: Route) -> Decision:
         """Raises ContractError when a camera is missing or has the wrong size."""
         started = time.perf_counter()
-        if self.progress.route is not None and route.stamp_ns != self.progress.route.stamp_ns:
+        new_route = self.progress.route is not None and route.stamp_ns != self.progress.route.stamp_ns
+        gap_s = 0.0 if self.stamp_ns is None else (frame.stamp_ns - self.stamp_ns) * 1e-9
+        if new_route or not 0.0 <= gap_s <= FORGET_AFTER_S:
             self.reset()
+        self.stamp_ns = frame.stamp_ns
         self.progress.update(route, frame.odometry)
         images = torch.from_numpy(self._stack(frame))
         vector = torch.from_numpy(raw_vector(frame.imu, frame.odometry, self.progress))[None]

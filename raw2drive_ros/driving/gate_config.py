@@ -6,12 +6,12 @@ import math
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from raw2drive_ros.driving.gate import GateLimits
 from raw2drive_ros.driving.gate_limits import MotionLimits
 from raw2drive_ros.timing import Timing
-from raw2drive_ros.world_model.config import ConfigError, Strict, load_yaml, preset_folder
+from raw2drive_ros.world_model.config import ConfigError, Strict, load_strict, preset_folder
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Bound = Annotated[float, Field(gt=0)]
@@ -70,11 +70,7 @@ class GateConfig(Strict):
 def load_gate_config(path: Path | None = None) -> GateConfig:
     """The shipped file, or another one. Raises ConfigError that names the field."""
     file = path or preset_folder() / 'gate.yaml'
-    try:
-        found = GateConfig(**load_yaml(file))
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ConfigError(f'{file}: {".".join(map(str, first["loc"]))}: {first["msg"]}') from error
+    found = load_strict(GateConfig, file)
     if found.stop.comfortable_brake > found.stop.emergency_brake:
         raise ConfigError(f'{file}: stop.comfortable_brake is above stop.emergency_brake')
     return found

@@ -15,6 +15,8 @@ from raw2drive_ros.driving.isolation import block_privileged_imports, refuse_pri
 
 block_privileged_imports()
 
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from msg_adapters.commands import decision_to_message
@@ -42,10 +44,16 @@ from raw2drive_ros.contract import (
 from raw2drive_ros.driving.bundle import Bundle, BundleError, check_rig, load_bundle
 from raw2drive_ros.driving.driver import RawDriver
 from raw2drive_ros.driving.frame_assembler import FrameAssembler
+from raw2drive_ros.driving.monitor_config import load_monitor_config
+from raw2drive_ros.driving.sensor_monitor import Finding, Health, SensorMonitor
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
-from raw2drive_ros.nodes.runtime import NodeError, run_node, spin
+from raw2drive_ros.nodes.runtime import NodeError, run_node, spin, steady_clock
+from raw2drive_ros.timing import load_timing
+from raw2drive_ros.world_model.config import ConfigError
+
+BACK_S = 0.5
 
 
 class PlannerNode(LifecycleNode):
@@ -58,6 +66,7 @@ class PlannerNode(LifecycleNode):
             {
                 'bundle': ('', 'folder of the policy bundle'),
                 'image_transport': ('raw', 'raw images, or compressed ones (JPEG, PNG)'),
+                'monitor': ('', 'what healthy sensors are (default: params/monitor.yaml)'),
                 'threads': (1, 'torch threads for inference'),
                 'autostart': (True, 'configure and activate at start, without a lifecycle manager'),
                 'stats_file': ('', 'write latency and loss figures as JSON here at the end'),
@@ -73,7 +82,12 @@ class PlannerNode(LifecycleNode):
         self.latency_ms: deque[float] = deque(maxlen=100_000)
         self._forget()
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
-        self.create_timer(1.0, self.diagnostics.publish)
+        self.watch_clock = steady_clock()
+        self.create_timer(1.0, self.diagnostics.publish, clock=self.watch_clock)
+        self.create_timer(0.1, self._watch, clock=self.watch_clock)
+        # A bag that starts over, a simulation that is set back: what was seen belongs to another time.
+        backwards = JumpThreshold(min_forward=None, min_backward=Duration(seconds=-BACK_S), on_clock_change=False)
+        self.jumps = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)
 
     def create_subscription(self, msg_type: Any, topic: str, *args: Any, **kwargs: Any) -> Any:
         """Refuses privileged topics, whoever asks."""
@@ -95,9 +109,11 @@ class PlannerNode(LifecycleNode):
             if not self.p['bundle']:
                 raise BundleError('parameter `bundle` is empty; give the folder of a policy bundle')
             self.bundle = load_bundle(Path(self.p['bundle']))
+            limits = load_monitor_config(Path(self.p['monitor']) if self.p['monitor'] else None).limits(load_timing())
+            self.monitor = SensorMonitor(tuple(c.name for c in self.bundle.rig), limits)
             self.driver = RawDriver(self.bundle, int(self.p['threads']))
             self._warm_up()
-        except (BundleError, ContractError) as error:
+        except (BundleError, ConfigError, ContractError) as error:
             self.failure = str(error)
             self.get_logger().error(self.failure)
             return TransitionCallbackReturn.FAILURE
@@ -109,6 +125,8 @@ class PlannerNode(LifecycleNode):
         assert self.bundle is not None
         self._forget()
         self.assembler = FrameAssembler(tuple(c.name for c in self.bundle.rig))
+        self.monitor.reset()
+        self.monitor.start(self.get_clock().now().nanoseconds)
         # The route first: when route and images wait together, the route is handled first.
         self._listen(topics.ROUTE, self._on_route)
         for camera in self.assembler.cameras:
@@ -139,6 +157,7 @@ class PlannerNode(LifecycleNode):
         self.rig_checked = False
         self.refused = 0
         self.answered: Decision | None = None
+        self.found: list[Finding] = []
 
     def _listen(self, topic: str, callback: Any) -> None:
         self._inputs.append(make_subscription(self, topic, callback, self.losses))
@@ -167,37 +186,64 @@ class PlannerNode(LifecycleNode):
         return callback
 
     def _on_route(self, message: Any) -> None:
-        self.route = self._checked(route_from_message, message) or self.route
+        self.route = self._checked(route_from_message, message, 'route') or self.route
 
     def _on_imu(self, message: Any) -> None:
-        sample = self._checked(imu_from_message, message)
-        if sample is not None:
+        sample = self._checked(imu_from_message, message, 'imu')
+        if sample is not None and self.monitor.heard('imu', sample.stamp_ns):
+            self.monitor.imu(sample)
             self._decide(self.assembler.add_imu(sample))
 
     def _on_odometry(self, message: Any) -> None:
-        sample = self._checked(odometry_from_message, message)
-        if sample is not None:
+        sample = self._checked(odometry_from_message, message, 'odometry')
+        if sample is not None and self.monitor.heard('odometry', sample.stamp_ns):
             self._decide(self.assembler.add_odometry(sample))
 
     def _image_callback(self, camera: str) -> Any:
         convert = image_from_compressed_message if self.compressed else image_from_message
 
         def callback(message: Any) -> None:
-            image = self._checked(convert, message)
-            if image is not None:
-                self._decide(self.assembler.add_image(camera, stamp_ns(message.header.stamp), image))
+            image = self._checked(convert, message, camera)
+            stamp = stamp_ns(message.header.stamp)
+            if image is not None and self.monitor.heard(camera, stamp):
+                self._decide(self.assembler.add_image(camera, stamp, image))
 
         return callback
 
-    def _checked(self, convert: Any, message: Any) -> Any:
+    def _checked(self, convert: Any, message: Any, name: str) -> Any:
         """A converted message, or None for one that breaks its contract: logged, counted, not used."""
         try:
             return convert(message)
         except ContractError as error:
-            self.refused += 1
-            self.failure = str(error)
-            self.get_logger().error(f'input refused: {error}', throttle_duration_sec=1.0)
+            self._refuse(name, str(error))
             return None
+
+    def _refuse(self, name: str, why: str) -> None:
+        self.refused += 1
+        self.monitor.refused(name, why, self.get_clock().now().nanoseconds)
+        self.get_logger().error(f'{name} refused: {why}', throttle_duration_sec=1.0)
+
+    def _on_jump(self, jump: Any) -> None:
+        """ROS time went back: start anew, as after activation."""
+        self.get_logger().warning(f'ROS time went back by {-jump.delta.nanoseconds * 1e-9:.1f} s; starting anew')
+        if self.bundle is None or not self._inputs:
+            return
+        self.assembler.reset()
+        self.monitor.reset()
+        self.monitor.start(self.get_clock().now().nanoseconds)
+        self.answered = None
+
+    def _watch(self) -> None:
+        """Silence has no callback of its own. What is wrong is logged when it changes."""
+        if not self._inputs:
+            return
+        found = self.monitor.findings(self.get_clock().now().nanoseconds)
+        if [f.cause.split(':')[0] for f in found] != [f.cause.split(':')[0] for f in self.found]:
+            for finding in found:
+                self.get_logger().warning(f'{finding.health.name.lower()}: {finding.cause}; {finding.remedy}')
+            self.found = found
+            self.diagnostics.publish()
+        self.found = found
 
     def _decide(self, frame: SensorFrame | None) -> None:
         if frame is None or self.driver is None or self.route is None:
@@ -205,6 +251,11 @@ class PlannerNode(LifecycleNode):
         if self.answered is not None and self.answered.stamp_ns == frame.stamp_ns:
             # The same tick again: its answer was lost. Deciding twice would move the recurrent state twice.
             self.output.publish(decision_to_message(self.factory, self.answered))
+            return
+        self.monitor.frame(frame)
+        self._watch()
+        if self.found and self.found[0].health is Health.STOP:
+            # Silence is the safe answer: the gate stops the car.
             return
         try:
             if not self.rig_checked:
@@ -243,12 +294,22 @@ class PlannerNode(LifecycleNode):
         }
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
+        worst = self.found[0].health if self.found else Health.NOMINAL
         values = self.figures() | {'bundle': self.bundle.identity if self.bundle else 'none'}
+        values |= {'sensors': worst.name.lower(), **self.monitor_counts()}
+        for number, finding in enumerate(self.found):
+            values[f'cause_{number}'], values[f'remedy_{number}'] = finding.cause, finding.remedy
+        if worst is not Health.NOMINAL:
+            level = ERROR if worst is Health.STOP else WARN
+            return level, f'{worst.name.lower()}: {self.found[0].cause}', values
         if self.failure:
             return ERROR, self.failure, values
         if self.losses.total:
             return WARN, f'{self.losses.total} messages lost', values
         return OK, 'driving' if self.latency_ms else 'no frame yet', values
+
+    def monitor_counts(self) -> dict[str, int]:
+        return self.monitor.counts if self.bundle is not None else {}
 
     def close(self) -> None:
         if self.p['stats_file']:

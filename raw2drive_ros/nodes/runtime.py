@@ -9,6 +9,8 @@ from types import FrameType
 from typing import Any
 
 import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -30,6 +32,11 @@ class StopRequest:
 
     def _request(self, number: int, frame: FrameType | None) -> None:
         self.requested = True
+
+
+def steady_clock() -> Clock:
+    """For timers that neither a paused simulation nor a set system clock may silence."""
+    return Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def spin(node: Node, executor: SingleThreadedExecutor, until: Callable[[], bool] = lambda: False) -> None:

@@ -20,7 +20,7 @@ from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
-from raw2drive_ros.nodes.runtime import run_node
+from raw2drive_ros.nodes.runtime import run_node, steady_clock
 from raw2drive_ros.timing import load_timing
 
 
@@ -51,7 +51,7 @@ class SafetyGateNode(Node):
         make_subscription(self, topics.ODOMETRY, self._on_odometry, self.losses)
         self.create_service(Trigger, '~/activate', self._on_activate)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
-        steady = _steady_clock()
+        steady = steady_clock()
         self.create_timer(1.0, self.diagnostics.publish, clock=steady)
         # On the steady clock: a paused simulation must not silence the gate.
         self.create_timer(1.0 / timing.gate_rate_hz, self._on_timer, clock=steady)
@@ -115,13 +115,6 @@ class SafetyGateNode(Node):
         if self.gate.state in STOPS:
             values['remedy'] = 'mend the cause, let the car stand, then call ~/activate'
         return level, self.gate.reason or self.gate.state.value, values
-
-
-def _steady_clock() -> Any:
-    from rclpy.clock import Clock
-    from rclpy.clock_type import ClockType
-
-    return Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def main(args: list[str] | None = None) -> int:

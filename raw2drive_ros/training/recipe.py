@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from raw2drive_ros.world_model.config import ConfigError, Strict, load_yaml, preset_folder
+from raw2drive_ros.world_model.config import ConfigError, Strict, load_strict, preset_folder
 
 SEEDS_PER_ROUND, ROUNDS_PER_RUN = 10, 100
 
@@ -84,9 +84,4 @@ def load_recipe(name: str) -> Recipe:
         if not path.is_file():
             known = ', '.join(sorted(p.stem for p in folder.glob('*.yaml')))
             raise ConfigError(f'unknown recipe {name!r}; known: {known}; or give a .yaml file')
-    try:
-        return Recipe(**load_yaml(path))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = '.'.join(str(part) for part in first['loc'])
-        raise ConfigError(f'{path}: {where}: {first["msg"]}') from error
+    return load_strict(Recipe, path)

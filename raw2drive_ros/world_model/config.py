@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from raw2drive_ros.bev_channels import CHANNELS
 
@@ -99,6 +99,21 @@ def load_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(loaded, dict):
         raise ConfigError(f'{path}: expected a mapping')
     return loaded
+
+
+Model = TypeVar('Model', bound=BaseModel)
+
+
+def load_strict(kind: type[Model], path: Path) -> Model:
+    """A YAML file as `kind`. Raises ConfigError that names the file and the field."""
+    try:
+        return kind(**load_yaml(path))
+    except (ValidationError, TypeError) as error:
+        if isinstance(error, TypeError):
+            raise ConfigError(f'{path}: keys must be words') from error
+        first = error.errors()[0]
+        where = '.'.join(str(part) for part in first['loc'])
+        raise ConfigError(f'{path}: {where}: {first["msg"]}') from error
 
 
 def load_preset(name: str) -> dict[str, Any]:

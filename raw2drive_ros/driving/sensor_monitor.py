@@ -1,0 +1,197 @@
+"""Is what the sensors say fit to drive by? Pure: no ROS, no clock of its own, no torch.
+
+nominal: drive. degraded: drive, and say so. stop: do not decide; the gate then stops the car, and stays stopped.
+No degraded mode drives with a camera lost: nobody has measured that it may.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from raw2drive_ros.contract import Image8, ImuSample, SensorFrame
+
+# Every so many pixels in both directions are looked at: 24 x 40 of 96 x 160.
+STRIDE = 4
+
+
+class Health(enum.IntEnum):
+    """Worse is larger."""
+
+    NOMINAL = 0
+    DEGRADED = 1
+    STOP = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong, and what to do about it."""
+
+    health: Health
+    cause: str
+    remedy: str
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorLimits:
+    """See `params/monitor.yaml`; times in seconds of ROS time, which a paused simulation stops too."""
+
+    period_s: float = 0.1
+    age_s: float = 0.3
+    degraded_gap_s: float = 0.15
+    stop_gap_s: float = 0.25
+    gaps: int = 10
+    blind_levels: int = 8
+    blind_frames: int = 3
+    frozen_frames: int = 5
+    moving_mps: float = 1.0
+    max_force_mps2: float = 60.0
+    max_rate_radps: float = 10.0
+    absurd_samples: int = 5
+    memory_s: float = 1.0
+
+
+@dataclass(slots=True)
+class _Camera:
+    sample: Image8 | None = None
+    same: int = 0
+    blind: int = 0
+
+
+@dataclass(slots=True)
+class SensorMonitor:
+    """Fed by the planner with everything that arrives; `findings(now_ns)` says what is wrong now, worst first.
+
+    counts: events by name since the start, for diagnostics.
+    """
+
+    cameras: tuple[str, ...]
+    limits: MonitorLimits = field(default_factory=MonitorLimits)
+    counts: dict[str, int] = field(default_factory=dict)
+    _heard_ns: dict[str, int] = field(default_factory=dict)
+    _eyes: dict[str, _Camera] = field(default_factory=dict)
+    _frames_ns: deque[int] = field(default_factory=deque)
+    _refused: dict[str, tuple[int, str]] = field(default_factory=dict)
+    _absurd: list[str] = field(default_factory=list)
+    _started_ns: int | None = None
+
+    def reset(self) -> None:
+        """A new beginning, as after a jump of time; counts stay."""
+        self._heard_ns.clear()
+        self._eyes.clear()
+        self._frames_ns.clear()
+        self._refused.clear()
+        self._absurd.clear()
+        self._started_ns = None
+
+    def start(self, now_ns: int) -> None:
+        """From now on inputs are expected; silence counts from here."""
+        self._started_ns = now_ns
+
+    def heard(self, name: str, stamp_ns: int) -> bool:
+        """A message of an input (a camera, `imu`, `odometry`); False for one that is older than the one before."""
+        if stamp_ns < self._heard_ns.get(name, stamp_ns):
+            self._count(f'{name}_out_of_order')
+            return False
+        self._heard_ns[name] = stamp_ns
+        return True
+
+    def refused(self, name: str, why: str, now_ns: int) -> None:
+        """A message that breaks its contract."""
+        self._count(f'{name}_refused')
+        self._refused[name] = (now_ns, why)
+
+    def imu(self, sample: ImuSample) -> None:
+        """A reading, to be used all the same: a crash looks absurd too, for a moment."""
+        force, rate = math.hypot(*sample.specific_force_mps2), math.hypot(*sample.angular_velocity_radps)
+        absurd = ''
+        if force > self.limits.max_force_mps2:
+            absurd = f'specific force {force:.0f} m/s2'
+        elif rate > self.limits.max_rate_radps:
+            absurd = f'angular velocity {rate:.0f} rad/s'
+        self._absurd = [*self._absurd, absurd] if absurd else []
+        if absurd:
+            self._count('imu_absurd')
+
+    def frame(self, frame: SensorFrame) -> None:
+        """A whole set of one stamp, before it is decided on."""
+        self._frames_ns.append(frame.stamp_ns)
+        while len(self._frames_ns) > self.limits.gaps + 1:
+            self._frames_ns.popleft()
+        moving = abs(frame.odometry.speed_mps) > self.limits.moving_mps
+        for name, image in frame.images.items():
+            eye = self._eyes.setdefault(name, _Camera())
+            sample = image[::STRIDE, ::STRIDE].copy()
+            # A meadow under a plain sky looks the same from everywhere: what moves is what differs within a row.
+            same = moving and eye.sample is not None and np.array_equal(sample, eye.sample)
+            same = same and int(np.ptp(sample, axis=1).max()) >= self.limits.blind_levels
+            blind = int(sample.max()) - int(sample.min()) < self.limits.blind_levels
+            eye.sample = sample
+            eye.same, eye.blind = eye.same + 1 if same else 0, eye.blind + 1 if blind else 0
+
+    def findings(self, now_ns: int) -> list[Finding]:
+        """Everything that is wrong at `now_ns` of ROS time, worst first."""
+        found = [*self._silent(now_ns), *self._pictures(), *self._rate(), *self._lately(now_ns)]
+        return sorted(found, key=lambda finding: -finding.health)
+
+    def _silent(self, now_ns: int) -> list[Finding]:
+        found = []
+        allowed_ns = round(self.limits.age_s * 1e9)
+        for name in (*self.cameras, 'imu', 'odometry'):
+            last_ns = self._heard_ns.get(name, self._started_ns)
+            if last_ns is None:
+                continue
+            silent_ns = now_ns - last_ns
+            silent_s = silent_ns * 1e-9
+            kind = f'camera {name}' if name in self.cameras else name
+            if silent_ns < -allowed_ns:
+                cause = f'{kind}: stamps are {-silent_s:.2f} s ahead of ROS time'
+                found.append(Finding(Health.STOP, cause, 'do both clocks agree, is use_sim_time the same everywhere?'))
+            if silent_ns > allowed_ns:
+                refused = self._refused.get(name)
+                why = f'; refused: {refused[1]}' if refused else ''
+                age = f'newest is {silent_s:.2f} s old' if name in self._heard_ns else f'silent for {silent_s:.2f} s'
+                cause = f'{kind}: {age}{why}'
+                found.append(Finding(Health.STOP, cause, f'is the driver of {kind} alive, is its clock right?'))
+        return found
+
+    def _pictures(self) -> list[Finding]:
+        found = []
+        for name, eye in self._eyes.items():
+            if eye.blind >= self.limits.blind_frames:
+                assert eye.sample is not None
+                shade = 'black' if eye.sample.mean() < 128 else 'white'
+                cause = f'camera {name}: {shade} for {eye.blind} frames'
+                found.append(Finding(Health.STOP, cause, 'look at the lens, the exposure and the cable'))
+            if eye.same >= self.limits.frozen_frames:
+                cause = f'camera {name}: the same picture {eye.same + 1} times while driving'
+                found.append(Finding(Health.STOP, cause, "restart the camera's driver"))
+        return found
+
+    def _rate(self) -> list[Finding]:
+        if len(self._frames_ns) <= self.limits.gaps:
+            return []
+        gap_s = (self._frames_ns[-1] - self._frames_ns[0]) * 1e-9 / self.limits.gaps
+        if gap_s <= self.limits.degraded_gap_s:
+            return []
+        health = Health.STOP if gap_s > self.limits.stop_gap_s else Health.DEGRADED
+        cause = f'whole camera sets at {1.0 / gap_s:.1f} Hz instead of {1.0 / self.limits.period_s:.0f}'
+        return [Finding(health, cause, 'does every camera carry the same stamps, is the machine overloaded?')]
+
+    def _lately(self, now_ns: int) -> list[Finding]:
+        found = []
+        for name, (then_ns, why) in self._refused.items():
+            if (now_ns - then_ns) * 1e-9 <= self.limits.memory_s:
+                found.append(Finding(Health.DEGRADED, f'{name}: refused: {why}', 'the message breaks docs/topics.md'))
+        if self._absurd:
+            health = Health.STOP if len(self._absurd) >= self.limits.absurd_samples else Health.DEGRADED
+            cause = f'imu: {self._absurd[-1]}, {len(self._absurd)} times in a row'
+            found.append(Finding(health, cause, 'look at units (SI) and mounting of the IMU'))
+        return found
+
+    def _count(self, name: str) -> None:
+        self.counts[name] = self.counts.get(name, 0) + 1
