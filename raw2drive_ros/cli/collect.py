@@ -12,6 +12,7 @@ EXAMPLES = """examples:
   raw2drive collect --driver expert --table --routes all --no-cameras --ticks 40000 --out runs/bags/expert
   raw2drive collect --driver privileged --run runs/stage1 --noise 0.05 --ticks 8000 --seed 1 --out runs/bags/policy1
   raw2drive collect --driver privileged --run runs/stage1 --advice --routes all --no-cameras --out runs/bags/policy2
+  raw2drive collect --driver expert --table --routes 'all,ParkedObstacle*3' --no-cameras --out runs/bags/parked
 
 The bags hold the same topics as those of `raw2drive record`."""
 
@@ -22,7 +23,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--run', dest='training_run', type=Path, help='run, checkpoint or teacher that drives')
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw')
-    parser.add_argument('--routes', default='lane-following', help='scenario types, comma separated, or all')
+    parser.add_argument(
+        '--routes',
+        default='lane-following',
+        help='scenario types, abilities or all, comma separated; TYPE*3 counts three times',
+    )
     parser.add_argument('--ticks', type=int, default=20_000, help='decision ticks to write (10 per second)')
     parser.add_argument('--episode-ticks', type=int, default=400, help='cut every episode after so many ticks')
     parser.add_argument('--stand-ticks', type=int, default=0, help='and when the car has stood for so many (0: never)')
@@ -56,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.progress import bar
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.drivers import expert_episodes, make_driver
-    from raw2drive_ros.evaluation.routes import routes_of
+    from raw2drive_ros.evaluation.routes import weighted_types
     from raw2drive_ros.evaluation.table_actions import ASKED_TICKS, Advised, through_table
     from raw2drive_ros.simulation.camera_rig import SIZES
 
@@ -66,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
-    scenarios = tuple(route.type for route in routes_of(options.routes, 1))
+    scenarios = weighted_types(options.routes, options.seed)
     noise = 0.0 if options.table else options.noise
     driver = make_driver(options.driver, options.bundle, options.training_run, noise)
     if options.table:

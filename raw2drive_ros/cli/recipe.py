@@ -99,7 +99,8 @@ def _collect(recipe: Recipe, index: int, run: Path, seed: int, workers: int, tit
         for collection, number, target in now:
             driver_seed = recipe.seed(seed, index, number)
             newest = newest_checkpoint(run / 'checkpoints') or run
-            arguments = collection.arguments(recipe, driver_seed, newest, target)
+            failed = failures_by_type(run, index) if collection.focus else {}
+            arguments = collection.arguments(recipe, driver_seed, newest, target, failed)
             jobs.append(Job(arguments, run / 'logs' / f'{target.name}.log'))
         watch(
             f'{title}: collecting ({", ".join(c.title for c, _, _ in now)})',
@@ -141,6 +142,17 @@ def _validate(recipe: Recipe, index: int, run: Path, workers: int, title: str) -
     RunFolder(run).log(int(newest.name), {'validation/driving_score': score, 'validation/success_percent': success})
     print(f'{title}: validation driving score {score:.1f}, success {success:.1f} %')
     keep_if_best(run, newest, {'suite': recipe.validation, 'round': index + 1, 'driving_score': score})
+
+
+def failures_by_type(run: Path, index: int) -> dict[str, float]:
+    """Type -> share of its routes that failed in the last two validations before round `index`."""
+    files = [run / 'validation' / f'round_{number:02d}.jsonl' for number in (index - 1, index)]
+    driven: dict[str, list[bool]] = {}
+    for file in filter(Path.is_file, files):
+        for line in file.read_text().splitlines()[1:]:
+            row = json.loads(line)
+            driven.setdefault(row['type'], []).append(bool(row['success']))
+    return {kind: 1.0 - sum(rows) / len(rows) for kind, rows in driven.items()}
 
 
 def keep_if_best(run: Path, checkpoint: Path, score: dict[str, Any]) -> bool:

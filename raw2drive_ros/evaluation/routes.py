@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import UnknownScenarioError, load_scenarios
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
@@ -32,3 +34,20 @@ def routes_of(name: str, seeds: int, first_seed: int = 0, weather: str = CLEAR) 
         for scenario in dict.fromkeys(chosen)
         for seed in range(first_seed, first_seed + seeds)
     ]
+
+
+def weighted_types(name: str, seed: int) -> tuple[str, ...]:
+    """Scenario types in a collector's order: the words of `routes_of`, where `WORD*3` counts three times.
+
+    With weights the order is drawn from `seed`, so that a collector that stops early has no favourites.
+    Raises UnknownScenarioError.
+    """
+    chosen: list[str] = []
+    for part in name.split(','):
+        word, star, times = part.partition('*')
+        if star and not (times.isdigit() and int(times) > 0):
+            raise UnknownScenarioError(f'unknown routes {part!r}: a weight is a whole number, as in ParkedObstacle*3')
+        chosen += [route.type for route in routes_of(word, 1)] * int(times or 1)
+    if '*' not in name:
+        return tuple(dict.fromkeys(chosen))
+    return tuple(chosen[i] for i in np.random.default_rng(seed).permutation(len(chosen)))

@@ -13,7 +13,10 @@ SEEDS_PER_ROUND, ROUNDS_PER_RUN = 10, 100
 
 
 class Collection(Strict):
-    """One `raw2drive collect`. Driver `privileged` is the policy as the round before left it."""
+    """One `raw2drive collect`. Driver `privileged` is the policy as the round before left it.
+
+    focus: a type that failed on every route of the last two validations is driven so many times more often.
+    """
 
     driver: str
     ticks: int = Field(ge=1)
@@ -22,14 +25,19 @@ class Collection(Strict):
     advice: bool = False
     advice_every: int = Field(4, ge=4)
     routes: str | None = None
+    focus: int = Field(0, ge=0)
 
     @property
     def title(self) -> str:
         return f'{self.driver} {self.ticks} ticks'
 
-    def arguments(self, recipe: Recipe, seed: int, checkpoint: Path, target: Path) -> list[str]:
-        """Of `raw2drive`; checkpoint: what driver `privileged` drives with."""
-        found = ['collect', '--driver', self.driver, '--routes', self.routes or recipe.routes, '--no-cameras']
+    def arguments(
+        self, recipe: Recipe, seed: int, checkpoint: Path, target: Path, failed: dict[str, float]
+    ) -> list[str]:
+        """Of `raw2drive`; checkpoint: what driver `privileged` drives with. failed: share of failures per type."""
+        more = {kind: round(self.focus * share) for kind, share in sorted(failed.items())}
+        routes = ','.join([self.routes or recipe.routes, *(f'{kind}*{n}' for kind, n in more.items() if n)])
+        found = ['collect', '--driver', self.driver, '--routes', routes, '--no-cameras']
         found += ['--ticks', str(self.ticks), '--episode-ticks', str(recipe.episode_ticks)]
         found += ['--stand-ticks', str(recipe.stand_ticks), '--noise', str(self.noise)]
         found += ['--seed', str(seed), '--out', str(target)]

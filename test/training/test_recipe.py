@@ -7,11 +7,13 @@ import torch
 
 from raw2drive_ros import topics
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.cli.recipe import keep_if_best, run_recipe
+from raw2drive_ros.cli.recipe import failures_by_type, keep_if_best, run_recipe
+from raw2drive_ros.evaluation.routes import weighted_types
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_advice
 from raw2drive_ros.recording.dataset import RosbagsFactory
+from raw2drive_ros.simulation.scenario import UnknownScenarioError
 from raw2drive_ros.training.checkpoint import CheckpointError, newest_checkpoint
-from raw2drive_ros.training.recipe import Recipe, load_recipe
+from raw2drive_ros.training.recipe import Collection, Recipe, load_recipe
 from raw2drive_ros.training.teacher import load_teacher, save_teacher, teacher_identity
 from raw2drive_ros.world_model.config import ConfigError
 
@@ -120,3 +122,29 @@ def test_recipe_and_bags_exclude_each_other(capsys) -> None:
     assert 'collects its own bags' in capsys.readouterr().err
     assert main(['train', 'privileged', '--run', 'runs/never']) == 2
     assert 'give --bags' in capsys.readouterr().err
+
+
+def test_a_focused_collection_drives_more_of_what_failed(tmp_path) -> None:
+    (tmp_path / 'validation').mkdir()
+    for number, wins in ((1, [True]), (2, [False, True]), (3, [False, False])):
+        rows = [{'type': 'ParkedObstacle', 'success': won} for won in wins] + [{'type': 'HighwayExit', 'success': True}]
+        text = '\n'.join(json.dumps(row) for row in [{'status': 'x'}, *rows])
+        (tmp_path / 'validation' / f'round_{number:02d}.jsonl').write_text(text)
+    failed = failures_by_type(tmp_path, 3)
+    assert failed == {'ParkedObstacle': 0.75, 'HighwayExit': 0.0}
+    assert failures_by_type(tmp_path, 0) == {}
+    collection = Collection(driver='privileged', ticks=10, focus=4)
+    arguments = collection.arguments(recipe_of(ROUNDS), 1, tmp_path, tmp_path / 'out', failed)
+    assert arguments[arguments.index('--routes') + 1] == 'lane-following,ParkedObstacle*3'
+
+
+def test_weighted_types_are_repeated_and_shuffled_by_seed() -> None:
+    kinds = weighted_types('all,ParkedObstacle*3', 1)
+    assert kinds.count('ParkedObstacle') == 4
+    assert set(kinds) == set(weighted_types('all', 0))
+    assert sorted(kinds) == sorted(weighted_types('all,ParkedObstacle*3', 2))
+    assert kinds != weighted_types('all,ParkedObstacle*3', 2)
+    assert weighted_types('all', 1) == weighted_types('all', 2)
+    for wrong in ('ParkedObstacle*', 'ParkedObstacle*0', 'ParkedObstacle*x'):
+        with pytest.raises(UnknownScenarioError, match='whole number'):
+            weighted_types(wrong, 0)
