@@ -124,6 +124,14 @@ class CameraCalibration:
         _require(self.intrinsics[0, 0] > 0 and self.intrinsics[1, 1] > 0, f'{self.name}: focal length')
         return self
 
+    def equals(self, other: CameraCalibration) -> bool:
+        """The same camera, to the last bit."""
+        return (
+            (self.name, self.width, self.height) == (other.name, other.width, other.height)
+            and np.array_equal(self.intrinsics, other.intrinsics)
+            and np.array_equal(self.base_from_camera, other.base_from_camera)
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class SensorFrame:

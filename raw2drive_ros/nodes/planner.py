@@ -5,7 +5,6 @@ This process cannot import privileged code nor subscribe to a privileged topic (
 
 from __future__ import annotations
 
-from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -20,32 +19,15 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from msg_adapters.commands import decision_to_message
-from msg_adapters.compressed import image_from_compressed_message
 from msg_adapters.diagnostics import ERROR, OK, WARN
 from msg_adapters.factory import RclpyFactory
-from msg_adapters.sensors import (
-    calibration_from_messages,
-    image_from_message,
-    imu_from_message,
-    odometry_from_message,
-    route_from_message,
-)
-from msg_adapters.stamps import stamp_ns
 from raw2drive_ros import topics
-from raw2drive_ros.contract import (
-    CameraCalibration,
-    ContractError,
-    Decision,
-    ImuSample,
-    OdometrySample,
-    Route,
-    SensorFrame,
-)
-from raw2drive_ros.driving.bundle import Bundle, BundleError, check_rig, load_bundle
-from raw2drive_ros.driving.driver import RawDriver
-from raw2drive_ros.driving.frame_assembler import FrameAssembler
+from raw2drive_ros.contract import ContractError
+from raw2drive_ros.driving.bundle import BundleError, load_bundle
 from raw2drive_ros.driving.monitor_config import load_monitor_config
-from raw2drive_ros.driving.sensor_monitor import Finding, Health, SensorMonitor
+from raw2drive_ros.driving.planner_inputs import PlannerInputs
+from raw2drive_ros.driving.raw_planner import RawPlanner
+from raw2drive_ros.driving.sensor_monitor import Health
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
@@ -75,15 +57,15 @@ class PlannerNode(LifecycleNode):
         self.compressed = wants_compressed(self.p['image_transport'])
         self.factory = RclpyFactory()
         self.losses = LossCounter()
-        self.bundle: Bundle | None = None
-        self.driver: RawDriver | None = None
+        self.planner: RawPlanner | None = None
+        self.inputs: PlannerInputs | None = None
         self.failure = ''
+        self.logged: list[str] = []
         self._inputs: list[Any] = []
-        self.latency_ms: deque[float] = deque(maxlen=100_000)
-        self._forget()
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.watch_clock = steady_clock()
         self.create_timer(1.0, self.diagnostics.publish, clock=self.watch_clock)
+        # Silence has no callback of its own.
         self.create_timer(0.1, self._watch, clock=self.watch_clock)
         # A bag that starts over, a simulation that is set back: what was seen belongs to another time.
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(seconds=-BACK_S), on_clock_change=False)
@@ -104,39 +86,28 @@ class PlannerNode(LifecycleNode):
     # -- lifecycle --------------------------------------------------------------------------------
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the bundle and decide once on an empty frame, so that the first real one is fast."""
+        """Load and warm the bundle; a failure leaves the node unconfigured and says why."""
         try:
             if not self.p['bundle']:
                 raise BundleError('parameter `bundle` is empty; give the folder of a policy bundle')
-            self.bundle = load_bundle(Path(self.p['bundle']))
+            bundle = load_bundle(Path(self.p['bundle']))
             limits = load_monitor_config(Path(self.p['monitor']) if self.p['monitor'] else None).limits(load_timing())
-            self.monitor = SensorMonitor(tuple(c.name for c in self.bundle.rig), limits)
-            self.driver = RawDriver(self.bundle, int(self.p['threads']))
-            self._warm_up()
+            self.planner = RawPlanner(bundle, limits, int(self.p['threads']))
         except (BundleError, ConfigError, ContractError) as error:
             self.failure = str(error)
             self.get_logger().error(self.failure)
             return TransitionCallbackReturn.FAILURE
+        self.failure = ''
+        self.inputs = PlannerInputs(self.planner, compressed=self.compressed, on_refused=self._on_refused)
         self.output = make_publisher(self, topics.PROPOSED)
-        self.get_logger().info(f'bundle {self.bundle.identity} from {self.bundle.path}')
+        self.get_logger().info(f'bundle {bundle.identity} from {bundle.path}')
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        assert self.bundle is not None
-        self._forget()
-        self.assembler = FrameAssembler(tuple(c.name for c in self.bundle.rig))
-        self.monitor.reset()
-        self.monitor.start(self.get_clock().now().nanoseconds)
-        # The route first: when route and images wait together, the route is handled first.
-        self._listen(topics.ROUTE, self._on_route)
-        for camera in self.assembler.cameras:
-            self._listen(topics.extrinsics_topic(camera), self._keep(self.extrinsics, camera))
-            self._listen(topics.camera_info_topic(camera), self._keep(self.infos, camera))
-        self._listen(topics.IMU, self._on_imu)
-        self._listen(topics.ODOMETRY, self._on_odometry)
-        image_topic = topics.compressed_topic if self.compressed else topics.image_topic
-        for camera in self.assembler.cameras:
-            self._listen(image_topic(camera), self._image_callback(camera))
+        assert self.planner is not None and self.inputs is not None
+        self.planner.start(self._now_ns())
+        for topic in self.inputs.topics:
+            self._inputs.append(make_subscription(self, topic, self._receiver(topic), self.losses))
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -146,170 +117,85 @@ class PlannerNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._stop_listening()
-        self.bundle = self.driver = None
+        self.planner = self.inputs = None
         self.destroy_publisher(self.output)
         return TransitionCallbackReturn.SUCCESS
-
-    def _forget(self) -> None:
-        self.route: Route | None = None
-        self.extrinsics: dict[str, Any] = {}
-        self.infos: dict[str, Any] = {}
-        self.rig_checked = False
-        self.refused = 0
-        self.answered: Decision | None = None
-        self.found: list[Finding] = []
-
-    def _listen(self, topic: str, callback: Any) -> None:
-        self._inputs.append(make_subscription(self, topic, callback, self.losses))
 
     def _stop_listening(self) -> None:
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
         self._inputs.clear()
 
-    def _warm_up(self) -> None:
-        assert self.bundle is not None and self.driver is not None
-        height, width = self.bundle.config.image_size
-        blank = np.zeros((height, width, 3), np.uint8)
-        imu, odometry = ImuSample(0, (0.0, 0.0, 9.81), (0.0,) * 3), OdometrySample(0, 0, 0, 0, 0, 0)
-        frame = SensorFrame(0, {c.name: blank for c in self.bundle.rig}, imu, odometry)
-        for _ in range(3):
-            self.driver.drive(frame, Route(0, np.array([[0.0, 0.0], [25.0, 0.0]])))
-        self.driver.reset()
-
     # -- inputs -----------------------------------------------------------------------------------
 
-    def _keep(self, store: dict[str, Any], camera: str) -> Any:
+    def _now_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _receiver(self, topic: str) -> Any:
         def callback(message: Any) -> None:
-            store[camera] = message
+            if self.inputs is None or self.planner is None:
+                return
+            decision = self.inputs.receive(topic, message, self._now_ns())
+            if decision is not None:
+                self.output.publish(decision_to_message(self.factory, decision))
+            elif self.planner.failure:
+                self.get_logger().error(self.planner.failure, throttle_duration_sec=1.0)
 
         return callback
 
-    def _on_route(self, message: Any) -> None:
-        self.route = self._checked(route_from_message, message, 'route') or self.route
-
-    def _on_imu(self, message: Any) -> None:
-        sample = self._checked(imu_from_message, message, 'imu')
-        if sample is not None and self.monitor.heard('imu', sample.stamp_ns):
-            self.monitor.imu(sample)
-            self._decide(self.assembler.add_imu(sample))
-
-    def _on_odometry(self, message: Any) -> None:
-        sample = self._checked(odometry_from_message, message, 'odometry')
-        if sample is not None and self.monitor.heard('odometry', sample.stamp_ns):
-            self._decide(self.assembler.add_odometry(sample))
-
-    def _image_callback(self, camera: str) -> Any:
-        convert = image_from_compressed_message if self.compressed else image_from_message
-
-        def callback(message: Any) -> None:
-            image = self._checked(convert, message, camera)
-            stamp = stamp_ns(message.header.stamp)
-            if image is not None and self.monitor.heard(camera, stamp):
-                self._decide(self.assembler.add_image(camera, stamp, image))
-
-        return callback
-
-    def _checked(self, convert: Any, message: Any, name: str) -> Any:
-        """A converted message, or None for one that breaks its contract: logged, counted, not used."""
-        try:
-            return convert(message)
-        except ContractError as error:
-            self._refuse(name, str(error))
-            return None
-
-    def _refuse(self, name: str, why: str) -> None:
-        self.refused += 1
-        self.monitor.refused(name, why, self.get_clock().now().nanoseconds)
+    def _on_refused(self, name: str, why: str) -> None:
         self.get_logger().error(f'{name} refused: {why}', throttle_duration_sec=1.0)
 
     def _on_jump(self, jump: Any) -> None:
-        """ROS time went back: start anew, as after activation."""
         self.get_logger().warning(f'ROS time went back by {-jump.delta.nanoseconds * 1e-9:.1f} s; starting anew')
-        if self.bundle is None or not self._inputs:
-            return
-        self.assembler.reset()
-        self.monitor.reset()
-        self.monitor.start(self.get_clock().now().nanoseconds)
-        self.answered = None
+        if self.planner is not None:
+            self.planner.start(self._now_ns(), same_vehicle=True)
 
     def _watch(self) -> None:
-        """Silence has no callback of its own. What is wrong is logged when it changes."""
-        if not self._inputs:
+        """What is wrong with the sensors is logged and published when it changes."""
+        if not self._inputs or self.planner is None:
             return
-        found = self.monitor.findings(self.get_clock().now().nanoseconds)
-        if [f.cause.split(':')[0] for f in found] != [f.cause.split(':')[0] for f in self.found]:
-            for finding in found:
+        self.planner.look(self._now_ns())
+        causes = [finding.cause.split(':')[0] for finding in self.planner.findings]
+        if causes != self.logged:
+            self.logged = causes
+            for finding in self.planner.findings:
                 self.get_logger().warning(f'{finding.health.name.lower()}: {finding.cause}; {finding.remedy}')
-            self.found = found
             self.diagnostics.publish()
-        self.found = found
-
-    def _decide(self, frame: SensorFrame | None) -> None:
-        if frame is None or self.driver is None or self.route is None:
-            return
-        if self.answered is not None and self.answered.stamp_ns == frame.stamp_ns:
-            # The same tick again: its answer was lost. Deciding twice would move the recurrent state twice.
-            self.output.publish(decision_to_message(self.factory, self.answered))
-            return
-        self.monitor.frame(frame)
-        self._watch()
-        if self.found and self.found[0].health is Health.STOP:
-            # Silence is the safe answer: the gate stops the car.
-            return
-        try:
-            if not self.rig_checked:
-                self._check_cameras()
-            decision = self.driver.drive(frame, self.route)
-        except (ContractError, BundleError) as error:
-            self.failure = str(error)
-            self.get_logger().error(self.failure, throttle_duration_sec=1.0)
-            return
-        self.answered = decision
-        self.latency_ms.append(decision.inference_ms)
-        self.output.publish(decision_to_message(self.factory, decision))
-
-    def _check_cameras(self) -> None:
-        """Raises BundleError until every camera's calibration is known and equals the bundle's."""
-        assert self.bundle is not None
-        missing = [c for c in self.assembler.cameras if c not in self.infos or c not in self.extrinsics]
-        if missing:
-            raise BundleError(f'no calibration yet for {", ".join(missing)}')
-        rig: tuple[CameraCalibration, ...] = tuple(
-            calibration_from_messages(c, self.infos[c], self.extrinsics[c]) for c in self.assembler.cameras
-        )
-        check_rig(self.bundle, rig)
-        self.rig_checked, self.failure = True, ''
 
     # -- reporting --------------------------------------------------------------------------------
 
     def figures(self) -> dict[str, Any]:
         """Latency of sensor frame to decision in this process, and what was lost."""
-        p50, p99 = np.percentile(self.latency_ms, [50, 99]) if self.latency_ms else (None, None)
+        latency_ms = self.planner.latency_ms if self.planner is not None else ()
+        p50, p99 = np.percentile(latency_ms, [50, 99]) if latency_ms else (None, None)
         return {
             'planner_ms': {'p50': p50, 'p99': p99},
-            'decisions': len(self.latency_ms),
+            'decisions': len(latency_ms),
             'messages_lost': self.losses.total,
-            'inputs_refused': self.refused,
+            'inputs_refused': self.inputs.refused if self.inputs is not None else 0,
         }
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
-        worst = self.found[0].health if self.found else Health.NOMINAL
-        values = self.figures() | {'bundle': self.bundle.identity if self.bundle else 'none'}
-        values |= {'sensors': worst.name.lower(), **self.monitor_counts()}
-        for number, finding in enumerate(self.found):
+        values = self.figures()
+        if self.planner is None:
+            return (ERROR, self.failure, values) if self.failure else (OK, 'not configured', values)
+        health = self.planner.health
+        values |= {
+            'bundle': self.planner.bundle.identity,
+            'sensors': health.name.lower(),
+            **self.planner.monitor.counts,
+        }
+        for number, finding in enumerate(self.planner.findings):
             values[f'cause_{number}'], values[f'remedy_{number}'] = finding.cause, finding.remedy
-        if worst is not Health.NOMINAL:
-            level = ERROR if worst is Health.STOP else WARN
-            return level, f'{worst.name.lower()}: {self.found[0].cause}', values
-        if self.failure:
-            return ERROR, self.failure, values
+        if health is not Health.NOMINAL:
+            level = ERROR if health is Health.STOP else WARN
+            return level, f'{health.name.lower()}: {self.planner.findings[0].cause}', values
+        if self.planner.failure:
+            return ERROR, self.planner.failure, values
         if self.losses.total:
             return WARN, f'{self.losses.total} messages lost', values
-        return OK, 'driving' if self.latency_ms else 'no frame yet', values
-
-    def monitor_counts(self) -> dict[str, int]:
-        return self.monitor.counts if self.bundle is not None else {}
+        return OK, 'driving' if self.planner.latency_ms else 'no frame yet', values
 
     def close(self) -> None:
         if self.p['stats_file']:

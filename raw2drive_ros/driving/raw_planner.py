@@ -1,0 +1,133 @@
+"""The planner without ROS: samples in, decisions out. The node and the evaluation under faults both run this."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from raw2drive_ros.contract import (
+    CameraCalibration,
+    ContractError,
+    Decision,
+    Image8,
+    ImuSample,
+    OdometrySample,
+    Route,
+    SensorFrame,
+)
+from raw2drive_ros.driving.bundle import Bundle, BundleError, check_rig
+from raw2drive_ros.driving.driver import RawDriver
+from raw2drive_ros.driving.frame_assembler import FrameAssembler
+from raw2drive_ros.driving.sensor_monitor import Finding, Health, MonitorLimits, SensorMonitor
+
+
+class RawPlanner:
+    """Assembles frames, watches the sensors and decides; `None` is silence, which makes the gate stop the car.
+
+    Every `add_*` takes `now_ns`, the ROS time of arrival. `failure`: why it is silent where no sensor is to blame.
+    """
+
+    def __init__(self, bundle: Bundle, limits: MonitorLimits, threads: int = 1) -> None:
+        self.bundle = bundle
+        self.driver = RawDriver(bundle, threads)
+        self.cameras = tuple(camera.name for camera in bundle.rig)
+        self.monitor = SensorMonitor(self.cameras, limits)
+        self.latency_ms: deque[float] = deque(maxlen=100_000)
+        self._warm_up()
+        self.start(0)
+
+    def start(self, now_ns: int, *, same_vehicle: bool = False) -> None:
+        """Begin, or begin anew: what was seen is forgotten. same_vehicle: route and calibrations, which are sent once,
+        stay, as after a jump of time."""
+        self.assembler = FrameAssembler(self.cameras)
+        self.monitor.reset()
+        self.monitor.start(now_ns)
+        self.driver.reset()
+        self.answered: Decision | None = None
+        if not same_vehicle:
+            self.route: Route | None = None
+            self.calibrations: dict[str, CameraCalibration] = {}
+            self.rig_checked = False
+        self.failure = ''
+        self.findings: list[Finding] = []
+
+    @property
+    def health(self) -> Health:
+        """Of the sensors, as of the last look."""
+        return self.findings[0].health if self.findings else Health.NOMINAL
+
+    def look(self, now_ns: int) -> bool:
+        """Judge the sensors at `now_ns`; True when what is wrong has changed."""
+        before = [finding.cause.split(':')[0] for finding in self.findings]
+        self.findings = self.monitor.findings(now_ns)
+        return [finding.cause.split(':')[0] for finding in self.findings] != before
+
+    def add_route(self, route: Route) -> None:
+        self.route = route
+
+    def add_calibration(self, calibration: CameraCalibration) -> None:
+        """May come again and again; one that differs is checked against the bundle before the next decision."""
+        known = self.calibrations.get(calibration.name)
+        if known is None or not known.equals(calibration):
+            self.calibrations[calibration.name] = calibration
+            self.rig_checked = False
+
+    def add_image(self, camera: str, stamp_ns: int, image: Image8, now_ns: int) -> Decision | None:
+        if not self.monitor.heard(camera, stamp_ns):
+            return None
+        return self._decide(self.assembler.add_image(camera, stamp_ns, image), now_ns)
+
+    def add_imu(self, sample: ImuSample, now_ns: int) -> Decision | None:
+        if not self.monitor.heard('imu', sample.stamp_ns):
+            return None
+        self.monitor.imu(sample)
+        return self._decide(self.assembler.add_imu(sample), now_ns)
+
+    def add_odometry(self, sample: OdometrySample, now_ns: int) -> Decision | None:
+        if not self.monitor.heard('odometry', sample.stamp_ns):
+            return None
+        return self._decide(self.assembler.add_odometry(sample), now_ns)
+
+    def refuse(self, name: str, why: str, now_ns: int) -> None:
+        """A message of an input that broke its contract."""
+        self.monitor.refused(name, why, now_ns)
+
+    def _decide(self, frame: SensorFrame | None, now_ns: int) -> Decision | None:
+        if frame is None or self.route is None:
+            return None
+        if self.answered is not None and self.answered.stamp_ns == frame.stamp_ns:
+            # The same tick again: its answer was lost. Deciding twice would move the recurrent state twice.
+            return self.answered
+        self.monitor.frame(frame)
+        self.look(now_ns)
+        if self.health is Health.STOP:
+            return None
+        try:
+            if not self.rig_checked:
+                self._check_cameras()
+            decision = self.driver.drive(frame, self.route)
+        except (ContractError, BundleError) as error:
+            self.failure = str(error)
+            return None
+        self.failure = ''
+        self.answered = decision
+        self.latency_ms.append(decision.inference_ms)
+        return decision
+
+    def _check_cameras(self) -> None:
+        """Raises BundleError until every camera's calibration is known and equals the bundle's."""
+        missing = [camera for camera in self.cameras if camera not in self.calibrations]
+        if missing:
+            raise BundleError(f'no calibration yet for {", ".join(missing)}')
+        check_rig(self.bundle, tuple(self.calibrations[camera] for camera in self.cameras))
+        self.rig_checked = True
+
+    def _warm_up(self) -> None:
+        """Decide on an empty frame, so that the first real one is fast."""
+        height, width = self.bundle.config.image_size
+        blank = np.zeros((height, width, 3), np.uint8)
+        imu, odometry = ImuSample(0, (0.0, 0.0, 9.81), (0.0,) * 3), OdometrySample(0, 0, 0, 0, 0, 0)
+        frame = SensorFrame(0, dict.fromkeys(self.cameras, blank), imu, odometry)
+        for _ in range(3):
+            self.driver.drive(frame, Route(0, np.array([[0.0, 0.0], [25.0, 0.0]])))
