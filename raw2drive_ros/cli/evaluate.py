@@ -16,6 +16,7 @@ EXAMPLES = """examples:
   raw2drive evaluate --driver expert --suite b2d220 --workers 2 --out runs/expert.jsonl
   raw2drive evaluate --driver rule --suite b2d220 --seeds 3 --out runs/rule.jsonl     three repetitions
   raw2drive evaluate --driver rule --suite dev10 --graph                              as ROS processes
+  raw2drive evaluate --driver raw --faults matrix --seeds 3                           what if something breaks?
   raw2drive evaluate --driver privileged --run runs/stage1 --routes lane-following
 
 Then compare: raw2drive report runs/expert.jsonl runs/rule.jsonl --out report.html
@@ -47,6 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help="turn commands into the policy's 39 actions (what can be imitated at best?)",
     )
+    parser.add_argument(
+        '--faults', metavar='PLANS', help='of driver raw: drive under every plan of params/faults/PLANS.yaml or a file'
+    )
     parser.add_argument('--quirks', action='store_true', help='efficiency and comfort as Bench2Drive computes them')
     parser.add_argument('--threads', type=int, default=1, help='torch threads')
     parser.add_argument('--workers', type=int, default=1, help='processes that drive at the same time')
@@ -67,6 +71,10 @@ def run(options: argparse.Namespace) -> int:
 
     cv2.setNumThreads(1)
     suite, version, routes = _routes(options)
+    if options.faults is not None:
+        from raw2drive_ros.cli.fault_table import run_under_faults
+
+        return run_under_faults(options, routes)
     bundle = options.bundle or default_bundle()
     spec = DriverSpec(options.driver, bundle, options.training_run, options.threads, options.blind, options.table)
     # Before any process starts or any file is written: can this driver be built at all?
@@ -107,6 +115,8 @@ def _routes(options: argparse.Namespace) -> tuple[str, str, list[RouteId]]:
         raise UsageError('--graph drives one route after another, with open eyes: no --workers, no --blind')
     if options.table and (options.graph or options.driver in ('raw', 'privileged')):
         raise UsageError('--table is for drivers of continuous commands, in process: expert, rule, idm, constant')
+    if options.faults is not None and (options.driver != 'raw' or options.graph or options.blind):
+        raise UsageError('--faults is for driver raw, in process and with open eyes')
     if options.weather is not None:
         get_weather(options.weather)
     if options.suite is None:

@@ -23,10 +23,14 @@ class CommandPolicy:
     def accept(self, control: Control, stamp_ns: int) -> None:
         self.last, self.last_ns = control, stamp_ns
 
+    def expired(self, stamp_ns: int) -> bool:
+        """Is the last command too old to be held?"""
+        return stamp_ns - self.last_ns > round(self.hold_s * 1e9)
+
     def missing(self, stamp_ns: int) -> Control:
         """The substitute at `stamp_ns`."""
         self.missed += 1
-        if self.last is not None and (stamp_ns - self.last_ns) * 1e-9 <= self.hold_s:
+        if self.last is not None and not self.expired(stamp_ns):
             return self.last
         steer = self.last.steer if self.last is not None else 0.0
         return Control(0.0, self.brake, steer)

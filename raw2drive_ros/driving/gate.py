@@ -107,7 +107,7 @@ class Gate:
             control = decision.control.validate()
         except ContractError as error:
             return self.refuse(f'invalid proposal: {error}', now)
-        age_s = now.ros_s - stamp_s
+        age_s = round(now.ros_s - stamp_s, 4)
         if age_s > self.limits.proposal_age_s or age_s < -self.limits.proposal_age_s:
             self._overlook(
                 'late' if age_s > 0.0 else 'early',
@@ -265,4 +265,5 @@ class Gate:
         return now.steady_s if self.steady else now.ros_s
 
     def _since(self, then: Moment, now: Moment) -> float:
-        return self._clock(now) - self._clock(then)
+        """To a tenth of a millisecond: a float that counts from 1970 holds little more."""
+        return round(self._clock(now) - self._clock(then), 4)

@@ -42,8 +42,8 @@ class MonitorLimits:
 
     period_s: float = 0.1
     age_s: float = 0.3
-    degraded_gap_s: float = 0.15
-    stop_gap_s: float = 0.25
+    degraded_gap_s: float = 0.115
+    stop_gap_s: float = 0.15
     gaps: int = 10
     blind_levels: int = 8
     blind_frames: int = 3

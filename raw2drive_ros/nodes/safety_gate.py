@@ -9,12 +9,12 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from msg_adapters.commands import decision_from_message, decision_to_message
+from msg_adapters.commands import decision_to_message
 from msg_adapters.diagnostics import ERROR, OK, WARN
 from msg_adapters.factory import RclpyFactory
-from msg_adapters.sensors import odometry_from_message
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError, Control, Decision
+from raw2drive_ros.contract import Decision
+from raw2drive_ros.driving import gate_inputs
 from raw2drive_ros.driving.gate import STOPS, Gate, GateState, Moment
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
@@ -60,22 +60,14 @@ class SafetyGateNode(Node):
         return Moment(time.monotonic(), self.get_clock().now().nanoseconds * 1e-9)
 
     def _on_proposal(self, message: Any) -> None:
-        now = self._now()
-        try:
-            decision = decision_from_message(message)
-        except ContractError as error:
-            stamp_ns = self.get_clock().now().nanoseconds
-            self._publish(self.gate.refuse(f'invalid proposal: {error}', now), Decision(stamp_ns, Control()))
-            return
-        self.last_stamp_ns = decision.stamp_ns
-        self._publish(self.gate.propose(decision, now), decision)
+        answer = gate_inputs.proposal(self.gate, message, self._now())
+        self.last_stamp_ns = answer.stamp_ns
+        self._publish(answer)
 
     def _on_odometry(self, message: Any) -> None:
-        try:
-            self.gate.observe(odometry_from_message(message).speed_mps, self._now())
-        except ContractError as error:
-            # Not used, so that it counts as silence.
-            self.get_logger().error(f'odometry refused: {error}', throttle_duration_sec=1.0)
+        refused = gate_inputs.odometry(self.gate, message, self._now())
+        if refused:
+            self.get_logger().error(f'odometry refused: {refused}', throttle_duration_sec=1.0)
 
     def _on_timer(self) -> None:
         now = self._now()
@@ -86,13 +78,11 @@ class SafetyGateNode(Node):
             # In lock-step the vehicle waits for the answer to its tick; "not yet" must not pass for one.
             return
         if self.gate.state is not GateState.DRIVING:
-            stamp_ns = self.get_clock().now().nanoseconds
-            self._publish(control, Decision(stamp_ns, control))
+            self._publish(Decision(self.get_clock().now().nanoseconds, control))
         elif self.steady:
-            self._publish(control, Decision(self.last_stamp_ns, control))
+            self._publish(Decision(self.last_stamp_ns, control))
 
-    def _publish(self, control: Control, decision: Decision) -> None:
-        answer = Decision(decision.stamp_ns, control, decision.action, decision.inference_ms)
+    def _publish(self, answer: Decision) -> None:
         self.output.publish(decision_to_message(self.factory, answer))
         if self.gate.reason != self.logged:
             self.logged = self.gate.reason

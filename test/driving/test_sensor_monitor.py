@@ -135,17 +135,22 @@ def test_a_plain_horizon_may_stay_the_same() -> None:
 
 
 @pytest.mark.parametrize(
-    ('every', 'health', 'rate'), [(1, None, ''), (2, Health.DEGRADED, '5.0 Hz'), (3, Health.STOP, '3.3 Hz')]
+    ('lost', 'health', 'rate'),
+    [(1, None, ''), (2, Health.DEGRADED, '8.3 Hz'), (5, Health.DEGRADED, '6.7 Hz'), (6, Health.STOP, '6.2 Hz')],
 )
-def test_slow_camera_sets_degrade_and_then_stop(every, health, rate) -> None:
+def test_slow_camera_sets_degrade_and_then_stop(lost, health, rate) -> None:
     monitor = SensorMonitor(CAMERAS)
-    for tick in range(0, 11 * every, every):
+    gaps = [2] * lost + [1] * (10 - lost)
+    tick = 0
+    feed(monitor, tick)
+    for gap in gaps:
         assert monitor.findings(tick * TICK_NS) == []
+        tick += gap
         feed(monitor, tick)
     if health is None:
-        assert monitor.findings(10 * TICK_NS) == []
+        assert monitor.findings(tick * TICK_NS) == []
         return
-    finding = only(monitor, 10 * every)
+    finding = only(monitor, tick)
     assert finding.health is health
     assert finding.cause == f'whole camera sets at {rate} instead of 10'
 
