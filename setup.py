@@ -68,6 +68,7 @@ setup(
             'planner = raw2drive_ros.nodes.planner:main',
             'safety_gate = raw2drive_ros.nodes.safety_gate:main',
             'recorder = raw2drive_ros.nodes.recorder:main',
+            'fault_injector = raw2drive_ros.nodes.fault_injector:main',
             'player = raw2drive_ros.nodes.player:main',
         ],
     },

@@ -24,15 +24,26 @@ def nodes(monkeypatch):
             super().__init__()
             made.append(kwargs)
 
+    class Opaque(Anything):
+        def __init__(self, function) -> None:
+            super().__init__()
+            function(None)
+
+    class Value(Anything):
+        """What a launch argument is when the test performs it: the defaults of faults.launch.py."""
+
+        def perform(self, context: object) -> str:
+            return {'plans': 'matrix', 'plan': 'camera frozen'}[self.args[0]]
+
     def module(name: str, **content) -> None:
         created = types.ModuleType(name)
         created.__dict__.update(content)
         monkeypatch.setitem(sys.modules, name, created)
 
     module('launch', LaunchDescription=Anything)
-    module('launch.actions', DeclareLaunchArgument=Anything, SetEnvironmentVariable=Anything)
+    module('launch.actions', DeclareLaunchArgument=Anything, SetEnvironmentVariable=Anything, OpaqueFunction=Opaque)
     module('launch.conditions', IfCondition=Anything)
-    module('launch.substitutions', LaunchConfiguration=Anything)
+    module('launch.substitutions', LaunchConfiguration=Value)
     module('launch_ros', actions=None)
     module('launch_ros.actions', Node=Node)
     module('ament_index_python.packages', get_package_share_directory=lambda name: str(ROOT))

@@ -11,7 +11,8 @@ from typing import Any
 EXAMPLES = """examples:
   raw2drive demo
   raw2drive demo --routes LaneFollowing/3,LaneFollowing/7 --out runs/my_demo
-  raw2drive demo --real-time --domain 12"""
+  raw2drive demo --real-time --domain 12
+  raw2drive demo --fault 'camera frozen' --routes LaneFollowing/1     what the whole graph does about it"""
 
 DEFAULT_ROUTES = 'LaneFollowing/1,LaneFollowing/3,JunctionTurns/1'
 
@@ -23,6 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--domain', type=int, help='ROS domain (default: the first free one from 50 on)')
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
     parser.add_argument('--real-time', action='store_true', help='follow the wall clock instead of lock-step')
+    parser.add_argument(
+        '--fault', metavar='PLAN', help='a plan of faults between all nodes, see raw2drive faults list (real time)'
+    )
+    parser.add_argument(
+        '--fault-plans', default='matrix', metavar='PLANS', help='name or YAML file that holds the plan'
+    )
     parser.add_argument('--no-video', action='store_true', help='skip MP4 and pictures')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
 
@@ -50,7 +57,11 @@ def run(options: argparse.Namespace) -> int:
         get_scenario(route.type)
     require_space(options.out)
     _clear(options.out)
-    job = GraphJob(options.out, routes, bundle, real_time=options.real_time, image_transport=options.image_transport)
+    faults = _faults(options)
+    real_time = options.real_time or faults is not None
+    job = GraphJob(
+        options.out, routes, bundle, real_time=real_time, image_transport=options.image_transport, faults=faults
+    )
     with reserve_domain(options.domain) as domain, bar('driving', 100.0, '%') as advance:
         rows, timing = drive_graph(job, domain, advance)
     results = [RouteResult(**row) for row in rows]
@@ -66,6 +77,21 @@ def run(options: argparse.Namespace) -> int:
         for name, path in made.items():
             print(f'{name}: {path}')
     return 0
+
+
+def _faults(options: argparse.Namespace) -> tuple[str, str] | None:
+    """Raises ConfigError or UsageError before any process starts."""
+    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.faults.plan import load_plans
+
+    if options.fault is None:
+        return None
+    if options.image_transport == 'compressed':
+        raise UsageError('--fault goes with raw images')
+    known = load_plans(options.fault_plans).plans
+    if options.fault not in known:
+        raise UsageError(f'--fault {options.fault}: {options.fault_plans} has {", ".join(known)}')
+    return options.fault_plans, options.fault
 
 
 def _clear(out: Path) -> None:

@@ -62,14 +62,18 @@ class Graph:
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     logs: list[IO[bytes]] = field(default_factory=list)
 
-    def start(self, name: str, parameters: dict[str, Any], *, sim_time: bool = True) -> None:
-        """`python -m raw2drive_ros.nodes.<name>` with ROS parameters."""
+    def start(
+        self, name: str, parameters: dict[str, Any], *, sim_time: bool = True, remap: dict[str, str] | None = None
+    ) -> None:
+        """`python -m raw2drive_ros.nodes.<name>` with ROS parameters; remap: topic -> the one to use in its place."""
         command = [sys.executable, '-m', f'raw2drive_ros.nodes.{name}', '--ros-args']
         for key, value in ({'use_sim_time': sim_time} | parameters).items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             if isinstance(value, str):
                 text = "'" + value.replace("'", "''") + "'"
             command += ['-p', f'{key}:={text}']
+        for topic, other in (remap or {}).items():
+            command += ['-r', f'{topic}:={other}']
         self.folder.mkdir(parents=True, exist_ok=True)
         log = (self.folder / f'{name}.log').open('wb')
         self.logs.append(log)

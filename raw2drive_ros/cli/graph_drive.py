@@ -24,7 +24,8 @@ POLL_S = 0.3
 @dataclass(frozen=True, slots=True)
 class GraphJob:
     """out: folder for everything. max_ticks: cut each route, 0 = never. bundle: of the planner; without one, the
-    bridge's co-driver `co_driver` (of stage-1 run `run`) drives. record: into `out`/bag."""
+    bridge's co-driver `co_driver` (of stage-1 run `run`) drives. record: into `out`/bag. faults: file of plans, and the
+    plan that a fault injector plays between all of them."""
 
     out: Path
     routes: tuple[RouteId, ...]
@@ -37,6 +38,7 @@ class GraphJob:
     image_transport: str = 'raw'
     record: bool = True
     quirks: bool = False
+    faults: tuple[str, str] | None = None
 
 
 def drive_graph(
@@ -70,15 +72,25 @@ def drive_graph(
 
 
 def _start(graph: Graph, job: GraphJob) -> None:
+    from raw2drive_ros import topics
+    from raw2drive_ros.faults.plan import load_plans, remapping
+
     out, routes = job.out, ','.join(map(str, job.routes))
     if job.record:
         facts = {'driver': job.co_driver or 'raw', 'bundle': job.bundle.name if job.bundle else '', 'routes': routes}
         recorder = {'bag': str(out / 'bag'), 'provenance': json.dumps(facts), 'stats_file': str(out / 'recorder.json')}
         graph.start('recorder', recorder)
-    graph.start('safety_gate', {'clock': 'steady' if job.real_time else 'ros'})
+    faults = []
+    if job.faults is not None:
+        file, plan = job.faults
+        graph.start('fault_injector', {'plans': file, 'plan': plan})
+        faults = load_plans(file).plans[plan]
+    heard = remapping(faults, (topics.PROPOSED, topics.ODOMETRY))
+    graph.start('safety_gate', {'clock': 'steady' if job.real_time else 'ros'}, remap=heard)
     if job.bundle is not None:
         planner = {'bundle': str(job.bundle.resolve()), 'stats_file': str(out / 'planner.json')}
-        graph.start('planner', planner | {'image_transport': job.image_transport})
+        heard = remapping(faults, topics.SENSOR_TOPICS)
+        graph.start('planner', planner | {'image_transport': job.image_transport}, remap=heard)
     bridge = {
         'episodes': routes,
         'co_driver': job.co_driver,
@@ -95,7 +107,7 @@ def _start(graph: Graph, job: GraphJob) -> None:
         'rows_file': str(out / 'rows.jsonl'),
         'progress_file': str(out / 'progress.jsonl'),
     }
-    graph.start('bridge', bridge, sim_time=False)
+    graph.start('bridge', bridge, sim_time=False, remap=remapping(faults, (topics.COMMAND,)))
 
 
 def _wait(graph: Graph, out: Path, count: int, on_progress: OnProgress, on_row: OnRow) -> None:

@@ -25,6 +25,7 @@ VERBS = {
     'report': ('report', 'compare results of evaluate on one HTML page'),
     'scenario': ('scenario', 'list the scenario types, or show one as a picture or a video'),
     'suite': ('suite', 'list the evaluation suites, or draw one anew'),
+    'faults': ('faults', 'list plans of faults, or put the fault injector into a running graph'),
     'bag': ('bag', 'inspect bags'),
     'doctor': ('doctor', 'check the installation, the transport and the latency budget'),
 }

@@ -179,7 +179,7 @@ class SensorMonitor:
         if gap_s <= self.limits.degraded_gap_s:
             return []
         health = Health.STOP if gap_s > self.limits.stop_gap_s else Health.DEGRADED
-        cause = f'whole camera sets at {1.0 / gap_s:.1f} Hz instead of {1.0 / self.limits.period_s:.0f}'
+        cause = f'camera sets: {1.0 / gap_s:.1f} Hz instead of {1.0 / self.limits.period_s:.0f}'
         return [Finding(health, cause, 'does every camera carry the same stamps, is the machine overloaded?')]
 
     def _lately(self, now_ns: int) -> list[Finding]:

@@ -107,3 +107,18 @@ def load_plans(name: str) -> FaultPlans:
             known = ', '.join(sorted(p.stem for p in folder.glob('*.yaml')))
             raise ConfigError(f'unknown fault plans {name!r}; known: {known}; or give a .yaml file')
     return load_strict(FaultPlans, path)
+
+
+def touched_topics(faults: list[Fault]) -> list[str]:
+    """Every topic that a plan may change."""
+    return [spec.name for spec in topics.TOPICS if any(fnmatchcase(spec.name, fault.topic) for fault in faults)]
+
+
+def behind_injector(topic: str) -> str:
+    """Where the injector node publishes what it has made of a topic."""
+    return '/faulty' + topic
+
+
+def remapping(faults: list[Fault], heard: tuple[str, ...]) -> dict[str, str]:
+    """topic -> topic behind the injector, for a node that subscribes to `heard`."""
+    return {name: behind_injector(name) for name in touched_topics(faults) if name in heard}

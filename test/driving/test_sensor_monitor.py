@@ -152,7 +152,7 @@ def test_slow_camera_sets_degrade_and_then_stop(lost, health, rate) -> None:
         return
     finding = only(monitor, tick)
     assert finding.health is health
-    assert finding.cause == f'whole camera sets at {rate} instead of 10'
+    assert finding.cause == f'camera sets: {rate} instead of 10'
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ NOMINAL, COMFORTABLE, EMERGENCY, VEHICLE = '', 'comfortable_stop', 'emergency_st
 EXPECTED = {
     'camera lost': (COMFORTABLE, 0.4, 'camera front: newest is'),
     'all cameras lost': (COMFORTABLE, 0.4, 'camera front: newest is'),
-    "half of one camera's images lost": (COMFORTABLE, 2.0, 'camera back: newest is|whole camera sets at'),
+    "half of one camera's images lost": (COMFORTABLE, 2.0, 'camera back: newest is|camera sets: '),
     'camera late': (COMFORTABLE, 0.4, 'camera front: newest is'),
     'camera frozen': (COMFORTABLE, 1.0, 'camera front: the same picture'),
     'camera black': (COMFORTABLE, 0.6, 'camera front: black'),

@@ -1,0 +1,46 @@
+"""raw2drive faults: list the plans, or put the injector into a running graph."""
+
+from __future__ import annotations
+
+import argparse
+
+EXAMPLES = """examples:
+  raw2drive faults list
+  raw2drive faults list my_plans.yaml
+  raw2drive faults run 'camera frozen' --domain 12        between the nodes of a graph; says what to remap
+  raw2drive demo --fault 'camera frozen'                  the same with the whole graph around it
+  raw2drive evaluate --driver raw --faults matrix         scores and reaction times under every plan"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('action', choices=('list', 'run'))
+    parser.add_argument('plan', nargs='?', help='run: a plan; list: a file')
+    parser.add_argument('--plans', default='matrix', help='run: name of a file in params/faults, or a YAML file')
+    parser.add_argument('--seed', type=int, default=-1, help="of what is drawn by chance (default: the file's)")
+    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    parser.add_argument('--sim-time', action='store_true', help='the graph runs by /clock')
+
+
+def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.faults.plan import AMOUNTS, behind_injector, load_plans, touched_topics
+
+    if options.action == 'list':
+        file = load_plans(options.plan or options.plans)
+        for name, faults in file.plans.items():
+            print(name)
+            for fault in faults:
+                amount = AMOUNTS[fault.kind]
+                how = f', {fault.strength:g} ({amount[0]})' if amount else ''
+                print(f'    {fault.kind} {fault.topic}{how}, from {fault.start_s:g} s for {fault.duration_s:g} s')
+        return 0
+    plans = load_plans(options.plans).plans
+    if options.plan not in plans:
+        raise UsageError(f'faults run: give a plan of {options.plans}: {", ".join(plans)}')
+    from raw2drive_ros.cli.single import run_single
+
+    print('start those who are to suffer with:')
+    for name in touched_topics(plans[options.plan]):
+        print(f'    --ros-args -r {name}:={behind_injector(name)}')
+    parameters = {'plans': options.plans, 'plan': options.plan, 'seed': options.seed}
+    return run_single({'fault_injector': parameters}, options.domain, sim_time=options.sim_time)

@@ -1,0 +1,84 @@
+"""Fault injector: between vehicle, planner and gate; passes every topic of a plan on, with the plan's faults.
+
+It hears `TOPIC` and publishes `/faulty/TOPIC`: whoever is to suffer is started with that topic remapped.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from raw2drive_ros import topics
+from raw2drive_ros.faults.injector import Injector
+from raw2drive_ros.faults.plan import behind_injector, load_plans, touched_topics
+from raw2drive_ros.nodes.parameters import declare
+from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class, profile_of
+from raw2drive_ros.nodes.runtime import NodeError, run_node, steady_clock
+
+DELIVER_HZ = 200.0
+
+
+class FaultInjectorNode(Node):
+    """Times of the plan count from the first message that it hears."""
+
+    def __init__(self) -> None:
+        super().__init__('fault_injector')
+        p = declare(
+            self,
+            {
+                'plans': ('matrix', 'name of a file in params/faults, or a YAML file'),
+                'plan': ('', 'which of its plans'),
+                'seed': (-1, "seed of what is drawn by chance (-1: the file's)"),
+            },
+        )
+        file = load_plans(p['plans'])
+        if p['plan'] not in file.plans:
+            raise NodeError(f'plan {p["plan"]!r} is not in {p["plans"]}; it has: {", ".join(file.plans)}')
+        faults = file.plans[p['plan']]
+        self.injector = Injector(faults, p['seed'] if p['seed'] >= 0 else file.seed)
+        self.losses = LossCounter()
+        self.waiting: list[tuple[int, int, Publisher, bytes]] = []
+        self.order = itertools.count()
+        for name in touched_topics(faults):
+            spec = topics.BY_NAME[name]
+            output = self.create_publisher(message_class(spec.msgtype), behind_injector(name), profile_of(spec))
+            make_subscription(self, name, self._passer(spec, output), self.losses, raw=True)
+        self.create_timer(1.0 / DELIVER_HZ, self._deliver, clock=steady_clock())
+        self.reported: dict[str, int] = {}
+        self.create_timer(1.0, self._report, clock=steady_clock())
+        self.get_logger().info(f'{p["plan"]}: {", ".join(f"{f.kind} {f.topic} from {f.start_s} s" for f in faults)}')
+
+    def _passer(self, spec: topics.TopicSpec, output: Publisher) -> Any:
+        def callback(data: bytes) -> None:
+            now_ns = self.get_clock().now().nanoseconds
+            for due_ns, changed in self.injector.take(spec.name, spec.msgtype, bytes(data), now_ns):
+                if due_ns <= now_ns:
+                    output.publish(changed)
+                else:
+                    heapq.heappush(self.waiting, (due_ns, next(self.order), output, changed))
+
+        return callback
+
+    def _deliver(self) -> None:
+        now_ns = self.get_clock().now().nanoseconds
+        while self.waiting and self.waiting[0][0] <= now_ns:
+            _, _, output, data = heapq.heappop(self.waiting)
+            output.publish(data)
+
+    def _report(self) -> None:
+        """What is being done to whom, once a second while it changes."""
+        if self.injector.counts != self.reported:
+            self.reported = dict(self.injector.counts)
+            self.get_logger().info(', '.join(f'{name}: {count}' for name, count in self.reported.items()))
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(FaultInjectorNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
