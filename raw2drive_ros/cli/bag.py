@@ -1,29 +1,109 @@
-"""raw2drive bag info: what a bag holds."""
+"""raw2drive bag: what a bag holds, whether it is fit for use, and new bags out of old ones."""
 
 from __future__ import annotations
 
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 EXAMPLES = """examples:
   raw2drive bag info runs/demo/bag
-  raw2drive bag info runs/demo/bag --json"""
+  raw2drive bag info runs/demo/bag --json
+  raw2drive bag doctor runs/demo/bag                                     what is missing, lost or out of order
+  raw2drive bag recover runs/bags/monday --out runs/bags/monday_saved    after a kill or a crash
+  raw2drive bag cut runs/demo/bag --start 12 --end 20 --out runs/turn
+  raw2drive bag cut runs/demo/bag --topics '/sensing/*' '/vehicle/*' --out runs/sensors
+  raw2drive bag merge runs/a runs/b --out runs/both
+
+A recorder that was killed leaves .NAME.partial; give NAME, that folder, or the .mcap file in it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('action', choices=('info',))
-    parser.add_argument('bag', type=Path)
+    parser.add_argument('action', choices=('info', 'doctor', 'recover', 'cut', 'merge'))
+    parser.add_argument('bags', type=Path, nargs='+', metavar='BAG')
+    parser.add_argument('--out', type=Path, help='recover, cut, merge: folder of the new bag; must not exist')
+    parser.add_argument('--start', type=float, default=0.0, help="cut: seconds after the bag's beginning")
+    parser.add_argument('--end', type=float, default=float('inf'), help='cut: and before so many')
+    parser.add_argument('--topics', nargs='+', default=['*'], help='cut: names or patterns')
     parser.add_argument('--json', action='store_true')
 
 
 def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.cli.errors import UsageError
+
+    if options.action != 'merge' and len(options.bags) != 1:
+        raise UsageError(f'bag {options.action} takes one bag')
+    if options.action in ('recover', 'cut', 'merge') and options.out is None:
+        raise UsageError(f'bag {options.action} needs --out, the folder of the new bag')
+    actions = {'info': _info, 'doctor': _doctor, 'recover': _recover, 'cut': _cut, 'merge': _merge}
+    return actions[options.action](options)
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    """Exit code 1 when the bag has an error."""
+    from dataclasses import asdict
+
+    from raw2drive_ros.recording.bag_doctor import examine
+
+    found = examine(options.bags[0])
+    if options.json:
+        print(json.dumps([asdict(complaint) for complaint in found]))
+    else:
+        for complaint in found:
+            print(f'{complaint.severity}: {complaint.text}\n    {complaint.remedy}')
+        if not any(complaint.severity != 'note' for complaint in found):
+            print(f'{options.bags[0]}: fit for use')
+    return int(any(complaint.severity == 'error' for complaint in found))
+
+
+def _recover(options: argparse.Namespace) -> int:
+    from raw2drive_ros.recording.recover import recover
+
+    found = recover(options.bags[0], options.out)
+    for topic, why in found.skipped.items():
+        print(f'skipped {topic}: {why}')
+    if found.damaged:
+        print(f'{found.damaged} damaged chunks left out')
+    if found.truncated:
+        print('the file ends in the middle of a record, as after a kill')
+    _report(options, found.counts)
+    return 0
+
+
+def _cut(options: argparse.Namespace) -> int:
+    from raw2drive_ros.recording.bag_edit import cut
+
+    _report(options, cut(options.bags[0], options.out, options.start, options.end, tuple(options.topics)))
+    return 0
+
+
+def _merge(options: argparse.Namespace) -> int:
+    from raw2drive_ros.recording.bag_edit import merge
+
+    _report(options, merge(options.bags, options.out))
+    return 0
+
+
+def _report(options: argparse.Namespace, counts: dict[str, int]) -> None:
+    if options.json:
+        print(json.dumps({'bag': str(options.out), 'messages': counts}))
+        return
+    print(f'{options.out}: {sum(counts.values())} messages of {len(counts)} topics')
+
+
+def _info(options: argparse.Namespace) -> int:
     from raw2drive_ros.recording.bag_info import bag_info
 
-    info = bag_info(options.bag)
+    info = bag_info(options.bags[0])
     if options.json:
         print(json.dumps(info))
-        return 0
+    else:
+        _print_info(info)
+    return 0
+
+
+def _print_info(info: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -50,4 +130,3 @@ def run(options: argparse.Namespace) -> int:
             f'{len(info["episodes"])} episodes: {", ".join(info["episodes"][:8])}'
             + (' ...' if len(info['episodes']) > 8 else '')
         )
-    return 0

@@ -1,4 +1,4 @@
-"""Recorder: every topic of the table into one MCAP bag, as raw CDR, stamped with the messages' own stamps."""
+"""Recorder: every topic of the table into MCAP bags, as raw CDR, stamped with the messages' own stamps."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
 
+from msg_adapters.diagnostics import ERROR, diagnostics_from_message
 from raw2drive_ros import topics
 from raw2drive_ros.nodes.parameters import declare
-from raw2drive_ros.nodes.quality import LossCounter, make_subscription
-from raw2drive_ros.nodes.runtime import NodeError, StopRequest, run_node, spin
-from raw2drive_ros.recording.bag_writer import BagExistsError, BagWriter, DiskFullError
+from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class
+from raw2drive_ros.nodes.runtime import NodeError, StopRequest, run_node, spin, steady_clock
+from raw2drive_ros.recording.bag_writer import BagExistsError, DiskFullError
+from raw2drive_ros.recording.recording import Recording, RingBuffer
 
 DEPTH = 200
 DRAIN_QUIET_S = 0.1
@@ -23,7 +27,10 @@ DRAIN_LIMIT_S = 0.8
 
 
 class RecorderNode(Node):
-    """Ctrl-C and SIGTERM close the bag, after what has arrived by then is written. Loss is reported per topic."""
+    """Ctrl-C and SIGTERM close the bag, after what has arrived by then is written. Loss is reported per topic.
+
+    With `snapshot_s` the last seconds are kept in memory, and written when ~/save is called or the gate stops the car.
+    """
 
     drains = True
     stop: StopRequest
@@ -35,19 +42,35 @@ class RecorderNode(Node):
             {
                 'bag': ('', 'folder of the bag to write; must not exist'),
                 'provenance': ('{}', 'JSON mapping of strings that is kept in the bag'),
+                'flush_s': (0.5, 'hand what has arrived to the operating system so often: all that a kill can lose'),
+                'split_s': (0.0, 'close a bag and begin the next one after so many seconds; 0: never'),
+                'split_mb': (0.0, 'and after so many megabytes'),
+                'snapshot_s': (0.0, 'keep the last seconds in memory, write them on ~/save or when the gate stops'),
                 'stats_file': ('', 'write received and lost counts per topic as JSON here at the end'),
+                'fail_on_loss': (False, 'end with an error when a message was lost'),
             },
         )
         if not p['bag']:
             raise NodeError('parameter `bag` is empty; give the folder of the bag to write')
+        if p['flush_s'] <= 0 or min(p['split_s'], p['split_mb'], p['snapshot_s']) < 0:
+            raise NodeError('flush_s must be positive; split_s, split_mb and snapshot_s must not be negative')
         self.p = p
         self.losses = LossCounter()
         self.failed = ''
         self.clock_ns = 0
-        try:
-            self.bag = BagWriter(Path(p['bag']), json.loads(p['provenance']))
-        except (BagExistsError, DiskFullError) as error:
-            raise NodeError(str(error)) from error
+        self.provenance = json.loads(p['provenance'])
+        self.ring = RingBuffer(p['snapshot_s']) if p['snapshot_s'] else None
+        self.recording: Recording | None = None
+        self.snapshots: list[str] = []
+        self.gate_stopped = False
+        if self.ring is None:
+            try:
+                split = p['split_s'], round(p['split_mb'] * 1e6)
+                self.recording = Recording(Path(p['bag']), self.provenance, *split)
+            except (BagExistsError, DiskFullError) as error:
+                raise NodeError(str(error)) from error
+            self.create_timer(p['flush_s'], self._flush, clock=steady_clock())
+        self.create_service(Trigger, '~/save', self._on_save)
         for spec in topics.TOPICS:
             make_subscription(self, spec.name, self._writer(spec.name), self.losses, raw=True, depth=DEPTH)
 
@@ -63,31 +86,98 @@ class RecorderNode(Node):
             elif topic == topics.DIAGNOSTICS and self.clock_ns:
                 # Nodes without simulated time stamp theirs by the wall; the bag has one time line.
                 stamp_ns = self.clock_ns
+            if self.ring is not None:
+                self.ring.add(topic, stamp_ns, data)
+                if topic == topics.DIAGNOSTICS:
+                    self._watch_gate(data)
+                return
             try:
-                self.bag.write_raw(topic, stamp_ns, data)
+                assert self.recording is not None
+                self.recording.write(topic, stamp_ns, data)
             except DiskFullError as error:
-                self.failed = str(error)
-                self.get_logger().error(f'recording stopped: {error}')
+                self._fail(error)
 
         return callback
+
+    def _flush(self) -> None:
+        if self.recording is not None and not self.failed:
+            try:
+                self.recording.flush()
+            except OSError as error:
+                self._fail(error)
+
+    def _fail(self, error: OSError) -> None:
+        self.failed = str(error)
+        self.get_logger().error(f'recording stopped: {error}')
+
+    def _watch_gate(self, data: bytes) -> None:
+        """A stop of the safety gate is worth keeping: what led to it is in memory."""
+        message = deserialize_message(data, message_class('diagnostic_msgs/msg/DiagnosticArray'))
+        for name, level, text, values in diagnostics_from_message(message):
+            if not name.endswith('safety_gate'):
+                continue
+            stopped = level >= ERROR and values.get('state', '').endswith('stop')
+            if stopped and not self.gate_stopped:
+                self.get_logger().warning(f'the gate stopped the car: {text}')
+                self._save(f'gate: {text}')
+            self.gate_stopped = stopped
+
+    def _on_save(self, request: Any, response: Any) -> Any:
+        if self.ring is None:
+            response.success, response.message = False, 'recording everything already; snapshot_s keeps a snapshot'
+        else:
+            response.message = self._save('~/save')
+            response.success = not response.message.startswith('nothing')
+        return response
+
+    def _save(self, why: str) -> str:
+        assert self.ring is not None
+        path = Path(self.p['bag']) / f'snapshot_{len(self.snapshots):03d}'
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            count = self.ring.save(path, self.provenance | {'snapshot': why})
+        except (BagExistsError, DiskFullError) as error:
+            self.get_logger().error(str(error))
+            return f'nothing written: {error}'
+        if not count:
+            return 'nothing has arrived yet'
+        self.snapshots.append(str(path))
+        self.get_logger().info(f'{path}: {count} messages')
+        return str(path)
+
+    def _received(self) -> int:
+        if self.ring is not None:
+            return len(self.ring.held)
+        assert self.recording is not None
+        return sum(self.recording.received.values())
 
     def run(self, executor: SingleThreadedExecutor) -> None:
         spin(self, executor, until=lambda: self.stop.requested)
         # Messages that are in the queues already belong into the bag: take them until none comes any more.
         deadline = time.monotonic() + DRAIN_LIMIT_S
         seen = -1
-        while seen != (now := sum(self.bag.counts.values())) and time.monotonic() < deadline:
+        while seen != (now := self._received()) and time.monotonic() < deadline:
             seen = now
             quiet_at = time.monotonic() + DRAIN_QUIET_S
             while time.monotonic() < quiet_at:
                 executor.spin_once(timeout_sec=0.01)
+        if self.p['fail_on_loss'] and (self.losses.total or self.failed):
+            self.close()
+            raise NodeError(self.failed or f'{self.losses.total} messages lost: {self.losses.lost}')
 
     def close(self) -> None:
-        path = self.bag.close()
+        if self.recording is None and self.ring is None:
+            return
+        recording, self.recording = self.recording, None
+        bags = [str(bag) for bag in recording.close()] if recording is not None else self.snapshots
+        self.ring = None
+        gaps = recording.largest_gap_ns if recording is not None else {}
         report = {
-            'bag': str(path),
-            'received': self.bag.counts,
+            'bag': self.p['bag'],
+            'bags': bags,
+            'received': recording.counts if recording is not None else {},
             'lost': self.losses.lost,
+            'largest_gap_s': {topic: round(gap * 1e-9, 3) for topic, gap in gaps.items()},
             'messages_lost': self.losses.total,
             'failed': self.failed,
         }

@@ -6,6 +6,7 @@ half-written one. MCAP because a killed sqlite3 writer loses everything.
 
 from __future__ import annotations
 
+import json
 import platform
 import shutil
 import subprocess
@@ -16,11 +17,15 @@ from typing import Any
 
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.typesys import get_types_from_msg
 
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import __version__, topics
 
 MIN_FREE_BYTES = 500_000_000
+CHECK_SPACE_EVERY_BYTES = 50_000_000
+PROVENANCE = 'provenance.json'
 
 
 class DiskFullError(OSError):
@@ -105,11 +110,18 @@ class BagWriter:
             'recorded_on': platform.machine(),
             'recorded_at': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()),
         }
-        for key, value in (facts | (provenance or {})).items():
+        facts |= provenance or {}
+        for key, value in facts.items():
             self.writer.set_custom_data(key, value)
         self.writer.open()
+        # metadata.yaml comes when the bag is closed; who is killed before that leaves this.
+        (self.root / PROVENANCE).write_text(json.dumps(facts))
         self.connections: dict[str, Connection] = {}
         self.counts: dict[str, int] = {}
+        self.bytes = self.checked_bytes = 0
+        self.first_ns: int | None = None
+        self.last_ns: dict[str, int] = {}
+        self.largest_gap_ns: dict[str, int] = {}
 
     def __enter__(self) -> BagWriter:
         return self
@@ -129,25 +141,47 @@ class BagWriter:
         spec = topics.BY_NAME[topic]
         self.write_raw(topic, stamp_ns, self.factory.serialize(message, spec.msgtype))
 
-    def write_raw(self, topic: str, stamp_ns: int, data: bytes) -> None:
+    def write_raw(self, topic: str, stamp_ns: int, data: bytes, foreign: tuple[str, str] | None = None) -> None:
+        """foreign: message type and its definition, for topics that are not in our table."""
         if topic not in self.connections:
-            spec = topics.BY_NAME[topic]
-            self.connections[topic] = self.writer.add_connection(
-                topic, spec.msgtype, typestore=self.factory.typestore, offered_qos_profiles=[_qos(spec)]
-            )
+            self.connections[topic] = self._connect(topic, foreign)
         self.writer.write(self.connections[topic], stamp_ns, data)
         self.counts[topic] = self.counts.get(topic, 0) + 1
-        total = sum(self.counts.values())
-        if total % 2000 == 0:
+        self.bytes += len(data)
+        self.first_ns = stamp_ns if self.first_ns is None else min(self.first_ns, stamp_ns)
+        gap_ns = stamp_ns - self.last_ns.get(topic, stamp_ns)
+        self.largest_gap_ns[topic] = max(self.largest_gap_ns.get(topic, 0), gap_ns)
+        self.last_ns[topic] = stamp_ns
+        if self.bytes - self.checked_bytes > CHECK_SPACE_EVERY_BYTES:
+            self.checked_bytes = self.bytes
             require_space(self.partial)
+
+    def _connect(self, topic: str, foreign: tuple[str, str] | None) -> Connection:
+        spec, typestore = topics.BY_NAME.get(topic), self.factory.typestore
+        msgtype = foreign[0] if foreign is not None else topics.BY_NAME[topic].msgtype
+        if foreign is not None and msgtype not in typestore.types:
+            typestore.register(get_types_from_msg(foreign[1], msgtype))
+        qos = [_qos(spec)] if spec is not None and spec.msgtype == msgtype else []
+        return self.writer.add_connection(topic, msgtype, typestore=typestore, offered_qos_profiles=qos)
+
+    def flush(self) -> None:
+        """Hand everything so far to the operating system: who is killed from here on does not lose it."""
+        storage = self.writer.storage
+        # rosbags closes a chunk when it holds a megabyte, which may take any time.
+        if isinstance(storage, McapWriter):
+            if storage.chunk.msgs:
+                storage.close_chunk()
+            storage.bio.flush()
 
     def close(self) -> Path:
         """Finish the bag and give it its name."""
         self.writer.close()
         self.partial.replace(self.path)
+        (self.root / PROVENANCE).unlink(missing_ok=True)
         self.root.rmdir()
         return self.path
 
     def abort(self) -> None:
         """Close what was written so that it can be read, and leave it inside `.<name>.partial/`."""
-        self.writer.close()
+        if self.writer.storage is not None:
+            self.writer.close()

@@ -1,0 +1,123 @@
+"""A recording that may be killed, that splits, and the ring buffer of a snapshot; no ROS in here."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from raw2drive_ros import topics
+from raw2drive_ros.recording.bag_writer import BagExistsError, BagWriter
+
+
+@dataclass(slots=True)
+class Recording:
+    """Bytes into `path`, or, when it is split, into whole bags `path/NAME_000`, `path/NAME_001` and so on.
+
+    split_s, split_bytes: a bag is closed after so much; 0: never. What is said once is said again at each beginning.
+    """
+
+    path: Path
+    provenance: dict[str, str]
+    split_s: float = 0.0
+    split_bytes: int = 0
+    bags: list[Path] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+    largest_gap_ns: dict[str, int] = field(default_factory=dict)
+    _writer: BagWriter | None = None
+    _latched: dict[str, bytes] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.path.exists():
+            raise BagExistsError(f'{self.path} exists already; choose another name or remove it')
+        self._writer = self._open()
+
+    @property
+    def splits(self) -> bool:
+        return self.split_s > 0 or self.split_bytes > 0
+
+    def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        """Raises DiskFullError; what was written before stays."""
+        assert self._writer is not None
+        if self._full(stamp_ns):
+            self._finish()
+            self._writer = self._open()
+            for name, said in self._latched.items():
+                self._writer.write_raw(name, stamp_ns, said)
+        if topics.BY_NAME[topic].latched:
+            self._latched[topic] = data
+        self._writer.write_raw(topic, stamp_ns, data)
+
+    def flush(self) -> None:
+        """Nothing from before this is lost when the process is killed."""
+        if self._writer is not None:
+            self._writer.flush()
+
+    def close(self) -> list[Path]:
+        """Finish the last bag; every bag that was made."""
+        if self._writer is not None:
+            self._finish()
+        return self.bags
+
+    def _open(self) -> BagWriter:
+        number = len(self.bags)
+        path = self.path / f'{self.path.name}_{number:03d}' if self.splits else self.path
+        facts = self.provenance | ({'part': str(number)} if self.splits else {})
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return BagWriter(path, facts)
+
+    def _full(self, stamp_ns: int) -> bool:
+        writer = self._writer
+        if writer is None or writer.first_ns is None:
+            return False
+        lasted = (stamp_ns - writer.first_ns) * 1e-9
+        return 0 < self.split_s <= lasted or 0 < self.split_bytes <= writer.bytes
+
+    def _finish(self) -> None:
+        writer, self._writer = self._writer, None
+        assert writer is not None
+        self.bags.append(writer.close())
+        for name, count in writer.counts.items():
+            self.counts[name] = self.counts.get(name, 0) + count
+            self.largest_gap_ns[name] = max(self.largest_gap_ns.get(name, 0), writer.largest_gap_ns[name])
+
+    @property
+    def received(self) -> dict[str, int]:
+        """Messages per topic so far, in all bags."""
+        now = self._writer.counts if self._writer is not None else {}
+        return {name: self.counts.get(name, 0) + now.get(name, 0) for name in self.counts | now}
+
+
+@dataclass(slots=True)
+class RingBuffer:
+    """The last `seconds` of everything, at most `limit_bytes`; what is said once is kept however old it is."""
+
+    seconds: float
+    limit_bytes: int = 2_000_000_000
+    held: deque[tuple[int, str, bytes]] = field(default_factory=deque)
+    size: int = 0
+    dropped: int = 0
+    _latched: dict[str, bytes] = field(default_factory=dict)
+
+    def add(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        if topics.BY_NAME[topic].latched:
+            self._latched[topic] = data
+            return
+        self.held.append((stamp_ns, topic, data))
+        self.size += len(data)
+        while self.held and (stamp_ns - self.held[0][0]) * 1e-9 > self.seconds:
+            self.size -= len(self.held.popleft()[2])
+        while self.size > self.limit_bytes:
+            self.size -= len(self.held.popleft()[2])
+            self.dropped += 1
+
+    def save(self, path: Path, provenance: dict[str, str]) -> int:
+        """Write what is held into a new bag; the number of messages, 0 when there is nothing and no bag was made."""
+        if not self.held:
+            return 0
+        with BagWriter(path, provenance) as bag:
+            for topic, data in self._latched.items():
+                bag.write_raw(topic, self.held[0][0], data)
+            for stamp_ns, topic, data in self.held:
+                bag.write_raw(topic, stamp_ns, data)
+            return sum(bag.counts.values())
