@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import zlib
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -110,10 +110,11 @@ def _records(file: Path, found: Recovery) -> Iterator[Any]:
                     continue
                 try:
                     inner = breakup_chunk(record, validate_crc=True)
-                except (McapError, ValueError, zlib.error, EOFError, OSError):
+                except Exception:
+                    # Every decompressor has errors of its own; none of them may end the rescue of the other chunks.
                     found.damaged += 1
                     continue
                 yield from inner
-        except (McapError, ValueError, EOFError, OSError):
+        except (McapError, ValueError, EOFError, OSError, struct.error):
             # A killed writer leaves half a record at the end; nothing whole follows it.
             found.truncated = True
