@@ -40,6 +40,7 @@ def run(options: argparse.Namespace) -> int:
     }
     if not options.quick:
         body['latency_ms'] = _latency(options.bundle, problems)
+        body['stopping'] = _stopping(options.bundle, problems)
     body['problems'] = problems
     if options.json:
         print(json.dumps(body))
@@ -124,6 +125,28 @@ def _latency(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None:
     return {'images_to_command_p50': round(float(p50), 2), 'images_to_command_p99': round(float(p99), 2)}
 
 
+def _stopping(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None:
+    """Dead planner to standing car: the contract's sum at the speed that was measured, and the measurement."""
+    from dataclasses import asdict
+
+    from raw2drive_ros.driving.bundle import BundleError
+    from raw2drive_ros.evaluation.stopping import computed, measured
+    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.timing import load_timing
+
+    try:
+        seen = measured(bundle or default_bundle())
+    except BundleError:
+        return None
+    promised = computed(seen.speed_mps)
+    period_s = 1.0 / load_timing().decision_rate_hz
+    if seen.total_s > promised.total_s + period_s:
+        problems.append(f'a stop took {seen.total_s:.2f} s, the contract adds up to {promised.total_s:.2f} s')
+    return {
+        name: asdict(found) | {'total_s': found.total_s} for name, found in (('computed', promised), ('measured', seen))
+    }
+
+
 def _print(body: dict[str, Any]) -> None:
     print(f'python {body["python"]} on {body["machine"]}, {body["cores"]} cores')
     for name, version in body['versions'].items():
@@ -143,6 +166,12 @@ def _print(body: dict[str, Any]) -> None:
         print(
             f'images to command: p50 {latency["images_to_command_p50"]} ms, '
             f'p99 {latency["images_to_command_p99"]} ms of {budget:.0f} ms'
+        )
+    for name, found in (body.get('stopping') or {}).items():
+        print(
+            f'dead planner at {found["speed_mps"]:.1f} m/s, {name}: detection {found["detection_s"]:.2f} + reaction '
+            f'{found["reaction_s"]:.2f} + settle {found["settle_s"]:.2f} = {found["total_s"]:.2f} s, '
+            f'{found["distance_m"]:.1f} m'
         )
     for problem in body['problems']:
         print(f'PROBLEM: {problem}', file=sys.stderr)

@@ -78,3 +78,6 @@ def test_doctor_reports_transport_versions_and_latency() -> None:
     assert {'torch', 'rclpy', 'numpy', 'highway-env', 'rosbags'} <= set(body['versions'])
     latency = body['latency_ms']
     assert 0.0 < latency['images_to_command_p50'] <= latency['images_to_command_p99']
+    promised, seen = body['stopping']['computed'], body['stopping']['measured']
+    assert 0.3 <= seen['detection_s'] <= promised['detection_s'] + promised['reaction_s'] + 0.1
+    assert 0.5 < seen['total_s'] <= promised['total_s'] + 0.1
