@@ -22,8 +22,8 @@ DT_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class Stopping:
-    """detection_s: from the last proposal until the gate calls it silence. reaction_s: until the command that brakes has
-    gone out (a period of the gate). settle_s: from there to a standing car. distance_m: from the last proposal on.
+    """detection_s: from the last proposal until the gate calls it silence. reaction_s: until the command that brakes is
+    out (a period of the gate). settle_s: from there to a standing car. distance_m: from the last proposal on.
     """
 
     speed_mps: float

@@ -96,6 +96,23 @@ def test_compressed_images_drive_are_recorded_and_replay_to_the_same_decisions(b
     assert verification.compared == 16
 
 
+@pytest.mark.parametrize(
+    ('plan', 'log', 'words'),
+    [
+        ('camera lost', 'planner', 'stop: camera front: newest is'),
+        ('planner nan', 'safety_gate', 'emergency_stop: invalid proposal: Control: not finite'),
+    ],
+)
+def test_a_fault_between_the_real_nodes_stops_the_car_and_is_logged(bundle, tmp_path, plan, log, words) -> None:
+    job = GraphJob(tmp_path, ROUTES[:1], bundle, real_time=True, max_ticks=80, record=False, faults=('matrix', plan))
+    with reserve_domain(None) as domain:
+        drive_graph(job, domain)
+    logs = {name: (tmp_path / 'logs' / f'{name}.log').read_text() for name in ('planner', 'safety_gate')}
+    assert words in logs[log]
+    assert '_stop: ' in logs['safety_gate']
+    assert 'driving' not in logs['safety_gate'].split('_stop: ')[1], 'a stop is latched'
+
+
 def test_two_graphs_cannot_share_a_domain() -> None:
     with reserve_domain(91), pytest.raises(DomainBusyError, match='choose another with --domain'), reserve_domain(91):
         pass
