@@ -66,6 +66,7 @@ class BridgeNode(Node):
                 'progress_file': ('', 'append one JSON line per second of simulated time here'),
                 'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
             },
+            live={'scenario': get_scenario, 'seed': _whole_number, 'weather': get_weather},
         )
         self.p = p
         self.timing = load_timing()
@@ -335,6 +336,11 @@ class BridgeNode(Node):
         partial = target.with_suffix('.partial')
         partial.write_text(json.dumps({'routes': self.results, 'timing': timing}))
         partial.replace(target)
+
+
+def _whole_number(value: int) -> None:
+    if value < 0:
+        raise ValueError(f'seed {value}: give 0 or more')
 
 
 def _co_driver(name: str, run: str) -> EpisodeDriver | None:

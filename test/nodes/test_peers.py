@@ -1,0 +1,58 @@
+"""Nodes survive peers: invalid transitions, parameters, messages; and say why they refuse."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from raw2drive_ros.cli.graph import reserve_domain, running_graph
+
+PEER = Path(__file__).with_name('peer.py')
+ROOT = PEER.parents[2]
+
+
+def test_wrong_requests_parameters_and_messages_end_no_node(bundle, tmp_path) -> None:
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        graph.start('safety_gate', {'clock': 'steady'}, sim_time=False)
+        graph.start('planner', {'bundle': str(bundle)}, sim_time=False)
+        peer = subprocess.run(
+            [sys.executable, str(PEER)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=120
+        )
+        assert peer.returncode == 0, peer.stderr[-2000:]
+        told = json.loads(peer.stdout.splitlines()[-1])
+        graph.check()
+        logs = {name: (tmp_path / f'{name}.log').read_text() for name in ('planner', 'safety_gate')}
+    assert told['before'] == told['after'] == 'active'
+    assert not any(told[wrong] for wrong in ('activate again', 'configure again', 'no transition'))
+    assert told['late parameter'] == [False, 'bundle is read when the node starts; start it again with another value']
+    assert told['wrong type'][0] is False
+    assert (told['deactivate'], told['end']) == (True, 'inactive')
+    assert "front refused: image encoding 'noise' is not supported" in logs['planner']
+    assert 'imu refused' in logs['planner']
+    assert 'emergency_stop: invalid proposal: named values' in logs['safety_gate']
+    assert told['gate'] is False or 'more than one publisher' in logs['safety_gate']
+
+
+def test_a_planner_that_cannot_configure_stays_unconfigured_and_says_why(tmp_path) -> None:
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        graph.start('planner', {'bundle': str(tmp_path / 'nowhere'), 'autostart': False}, sim_time=False)
+        code = (
+            'import rclpy, sys;'
+            'from lifecycle_msgs.srv import ChangeState, GetState;'
+            'from raw2drive_ros.nodes.transport import configure_transport;'
+            'configure_transport(); rclpy.init(); node = rclpy.create_node("peer");'
+            'client = node.create_client(ChangeState, "/planner/change_state"); client.wait_for_service(30);'
+            'request = ChangeState.Request(); request.transition.id = 1;'
+            'future = client.call_async(request); rclpy.spin_until_future_complete(node, future, timeout_sec=30);'
+            'state = node.create_client(GetState, "/planner/get_state"); state.wait_for_service(30);'
+            'label = state.call_async(GetState.Request());'
+            'rclpy.spin_until_future_complete(node, label, timeout_sec=30);'
+            'print(future.result().success, label.result().current_state.label)'
+        )
+        peer = subprocess.run(
+            [sys.executable, '-c', code], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=120
+        )
+        graph.check()
+        log = (tmp_path / 'planner.log').read_text()
+    assert peer.stdout.split() == ['False', 'unconfigured'], peer.stderr[-2000:]
+    assert 'no policy bundle there' in log
