@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import json
+from dataclasses import asdict
 from pathlib import Path
 
 EXAMPLES = """examples:
   raw2drive replay runs/demo/bag                 for a planner that runs elsewhere
   raw2drive replay runs/demo/bag --rate 0.5
-  raw2drive replay runs/demo/bag --verify        decide again in process and compare with the recorded commands"""
+  raw2drive replay runs/demo/bag --start 12 --loop --paused     services /player/pause, /player/step, /player/seek
+  raw2drive replay runs/demo/bag --verify        decide again in process and compare with the recorded commands
+  raw2drive replay runs/demo/bag --verify --bundle runs/new_bundle     where and by how much does it decide differently?
+
+--verify ends with 0 when every decision is the same, bit for bit, and with 1 otherwise."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', type=Path)
     parser.add_argument('--rate', type=float, default=1.0, help='speed relative to recorded time')
+    parser.add_argument('--start', type=float, default=0.0, help="seconds after the bag's beginning")
+    parser.add_argument('--loop', action='store_true', help='begin again at the end')
+    parser.add_argument('--paused', action='store_true', help='wait for /player/pause or /player/step')
+    parser.add_argument('--json', action='store_true', help='--verify: print the comparison as JSON')
     parser.add_argument(
         '--verify', action='store_true', help="compare the bundle's decisions with the bag's, bit for bit"
     )
@@ -22,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.cli.errors import UsageError
     from raw2drive_ros.recording.bag_reader import open_bag
 
     with open_bag(options.bag):
@@ -31,9 +42,17 @@ def run(options: argparse.Namespace) -> int:
         from raw2drive_ros.paths import default_bundle
 
         outcome = verify_bag(options.bag, options.bundle or default_bundle())
-        print(outcome.text)
+        print(json.dumps(asdict(outcome)) if options.json else outcome.text)
         return 0 if outcome.equal else 1
     from raw2drive_ros.cli.single import run_single
 
-    parameters = {'bag': str(options.bag.resolve()), 'rate': options.rate}
+    if options.rate <= 0 or options.start < 0:
+        raise UsageError('--rate must be positive, --start not negative')
+    parameters = {
+        'bag': str(options.bag.resolve()),
+        'rate': options.rate,
+        'start_s': options.start,
+        'loop': options.loop,
+        'paused': options.paused,
+    }
     return run_single({'player': parameters}, options.domain, sim_time=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from msg_adapters.commands import decision_from_message
 from msg_adapters.factory import RosbagsFactory
@@ -13,13 +14,22 @@ from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.driver import RawDriver
 from raw2drive_ros.recording.bag_reader import BagError, open_bag, read_ticks
 
+FIELDS = ('throttle', 'brake', 'steer', 'reverse')
+
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """compared: decisions that both sides made. text: the verdict for people."""
+    """compared: decisions that both sides made. left_out: ticks without a recorded decision. differing: count by field,
+    and the mean difference where it differs. first: the first decision that differs: its stamp, field, both values.
+    text: the verdict for people.
+    """
 
     equal: bool
     compared: int
+    left_out: int
+    differing: dict[str, int]
+    mean_difference: dict[str, float]
+    first: dict[str, Any] | None
     text: str
 
 
@@ -41,8 +51,9 @@ def verify_bag(bag: Path, bundle: Path) -> Verification:
     """Compare bit for bit, and name the first difference."""
     wanted = recorded_proposals(bag)
     driver = RawDriver(load_bundle(bundle))
-    compared = differing = left_out = 0
-    first = ''
+    compared = left_out = changed = 0
+    differences: dict[str, list[float]] = {name: [] for name in FIELDS}
+    first: dict[str, Any] | None = None
     with open_bag(bag) as reader:
         for tick in read_ticks(reader, bag, cameras=True, privileged=False):
             if tick.stamp_ns not in wanted:
@@ -51,12 +62,33 @@ def verify_bag(bag: Path, bundle: Path) -> Verification:
                 continue
             decision = driver.drive(SensorFrame(tick.stamp_ns, tick.images, tick.imu, tick.odometry), tick.route)
             compared += 1
-            if decision.control != wanted[tick.stamp_ns]:
-                differing += 1
-                first = first or (
-                    f'first at {tick.stamp_ns * 1e-9:.1f} s: recorded {wanted[tick.stamp_ns]}, now {decision.control}'
-                )
+            recorded = wanted[tick.stamp_ns]
+            changed += decision.control != recorded
+            for name in FIELDS:
+                old, new = getattr(recorded, name), getattr(decision.control, name)
+                if old != new:
+                    differences[name].append(abs(float(new) - float(old)))
+                    first = first or {'stamp_ns': tick.stamp_ns, 'field': name, 'recorded': old, 'now': new}
+    differing = {name: len(found) for name, found in differences.items() if found}
+    mean = {name: sum(found) / len(found) for name, found in differences.items() if found}
+    text = _text(compared, left_out, changed, differing, mean, first)
+    return Verification(first is None, compared, left_out, differing, mean, first, text)
+
+
+def _text(
+    compared: int,
+    left_out: int,
+    changed: int,
+    differing: dict[str, int],
+    mean: dict[str, float],
+    first: dict[str, Any] | None,
+) -> str:
     rest = f'; {left_out} ticks have no recorded decision' if left_out else ''
-    if differing:
-        return Verification(False, compared, f'{differing} of {compared} decisions differ; {first}{rest}')
-    return Verification(True, compared, f'{compared} decisions are equal, bit for bit{rest}')
+    if first is None:
+        return f'{compared} decisions are equal, bit for bit{rest}'
+    fields = ', '.join(f'{name} {count} times by {mean[name]:.2f} on average' for name, count in differing.items())
+    where = (
+        f'first {topics.PROPOSED} at {first["stamp_ns"]} ns: {first["field"]} {first["recorded"]} recorded, '
+        f'{first["now"]} now'
+    )
+    return f'{changed} of {compared} decisions differ: {fields}; {where}{rest}'

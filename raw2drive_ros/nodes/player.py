@@ -6,8 +6,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
 
 from msg_adapters.factory import RclpyFactory
 from raw2drive_ros import topics
@@ -16,9 +18,23 @@ from raw2drive_ros.nodes.quality import make_publisher
 from raw2drive_ros.nodes.runtime import NodeError, run_node
 from raw2drive_ros.recording.bag_reader import BagError, open_bag
 
+SEEK, END, ENDED = 'seek', 'end', 'interrupted'
+POLL_S = 0.05
+
+
+def _positive(value: float) -> None:
+    if not value > 0:
+        raise ValueError(f'rate {value} must be positive')
+
+
+def _not_negative(value: float) -> None:
+    if not value >= 0:
+        raise ValueError(f'start_s {value} must not be negative')
+
 
 class PlayerNode(Node):
-    """Publishes the bag's own CDR bytes untouched."""
+    """Publishes the bag's own CDR bytes untouched. Services: ~/pause, ~/step (one stamp further while paused), ~/seek
+    (to the parameter `start_s`). A jump back goes out on /clock, by which the other nodes start anew."""
 
     def __init__(self) -> None:
         super().__init__('player')
@@ -27,13 +43,24 @@ class PlayerNode(Node):
             {
                 'bag': ('', 'folder of the bag to play'),
                 'rate': (1.0, 'speed relative to recorded time'),
+                'start_s': (0.0, "begin so long after the bag's beginning, and where ~/seek goes"),
+                'loop': (False, 'begin again at the end'),
+                'paused': (False, 'wait for ~/pause or ~/step before the first message'),
                 'privileged': (False, 'play privileged topics too'),
                 'wait_for_subscribers': (1, 'start when the front camera has so many subscribers'),
             },
+            live={'rate': _positive, 'start_s': _not_negative},
         )
-        if not self.p['rate'] > 0:
-            raise NodeError(f'rate {self.p["rate"]} must be positive')
+        if not self.p['rate'] > 0 or not self.p['start_s'] >= 0:
+            raise NodeError(f'rate {self.p["rate"]} must be positive, start_s {self.p["start_s"]} not negative')
         self.played = 0
+        self.paused = bool(self.p['paused'])
+        self.steps = 0
+        self.seek = False
+        self.now_ns = 0
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        self.create_service(Trigger, '~/step', self._on_step)
+        self.create_service(Trigger, '~/seek', self._on_seek)
 
     def run(self, executor: SingleThreadedExecutor) -> None:
         names = set(topics.SENSOR_TOPICS)
@@ -42,35 +69,96 @@ class PlayerNode(Node):
         try:
             with open_bag(Path(self.p['bag'])) as reader:
                 connections = [c for c in reader.connections if c.topic in names]
-                self._play(reader, connections, executor)
+                if not connections:
+                    raise NodeError(f'{self.p["bag"]}: has no topic that could be played')
+                self._prepare(connections, executor)
+                how = SEEK
+                while how == SEEK or (how == END and self.p['loop']):
+                    self.seek = False
+                    how = self._play(reader, connections, executor)
         except BagError as error:
             raise NodeError(str(error)) from error
+        self.get_logger().info(f'played {self.played} messages')
 
-    def _play(self, reader: Any, connections: list[Any], executor: SingleThreadedExecutor) -> None:
-        clock = make_publisher(self, topics.CLOCK)
-        outputs = {c.topic: make_publisher(self, c.topic) for c in connections}
-        front = outputs.get(topics.image_topic('front'))
+    def _prepare(self, connections: list[Any], executor: SingleThreadedExecutor) -> None:
+        self.clock = make_publisher(self, topics.CLOCK)
+        self.outputs = {c.topic: make_publisher(self, c.topic) for c in connections}
+        front = self.outputs.get(topics.image_topic('front'))
         deadline = time.monotonic() + 30.0
         while front is not None and front.get_subscription_count() < self.p['wait_for_subscribers']:
             if time.monotonic() > deadline:
                 raise NodeError('nobody subscribes to the front camera after 30 s')
             executor.spin_once(timeout_sec=0.1)
-        factory = RclpyFactory()
-        first_ns, last_ns, started = None, None, time.monotonic()
-        for connection, stamp_ns, data in reader.messages(connections=connections):
-            if first_ns is None:
-                first_ns = stamp_ns
-            due = started + (stamp_ns - first_ns) * 1e-9 / self.p['rate']
-            while (wait := due - time.monotonic()) > 0:
-                executor.spin_once(timeout_sec=wait)
-            if stamp_ns != last_ns:
-                message = factory.new('rosgraph_msgs/msg/Clock')
-                message.clock.sec, message.clock.nanosec = divmod(stamp_ns, 1_000_000_000)
-                clock.publish(message)
-                last_ns = stamp_ns
-            outputs[connection.topic].publish(bytes(data))
+
+    def _play(self, reader: Any, connections: list[Any], executor: SingleThreadedExecutor) -> str:
+        start_ns = reader.start_time + round(float(self.get_parameter('start_s').value or 0.0) * 1e9)
+        if start_ns > reader.end_time:
+            raise NodeError(f'start_s is beyond the end of the bag, which lasts {reader.duration * 1e-9:.1f} s')
+        self._set_clock(start_ns)
+        self._say_again(reader, connections, start_ns)
+        anchor_s, anchor_ns, rate = time.monotonic(), start_ns, self._rate()
+        for connection, stamp_ns, data in reader.messages(connections=connections, start=start_ns):
+            if stamp_ns != self.now_ns:
+                was_paused = self.paused
+                if was_paused and self._wait_while_paused(executor):
+                    return SEEK if self.seek else ENDED
+                if was_paused or self._rate() != rate:
+                    anchor_s, anchor_ns, rate = time.monotonic(), stamp_ns, self._rate()
+                due = anchor_s + (stamp_ns - anchor_ns) * 1e-9 / rate
+                while (wait := due - time.monotonic()) > 0 and not self.seek:
+                    executor.spin_once(timeout_sec=wait)
+                if self.seek:
+                    return SEEK
+                self._set_clock(stamp_ns)
+            self.outputs[connection.topic].publish(bytes(data))
             self.played += 1
-        self.get_logger().info(f'played {self.played} messages')
+        return END
+
+    def _wait_while_paused(self, executor: SingleThreadedExecutor) -> bool:
+        """Until it goes on; True when it does not go on from here."""
+        if self.steps:
+            self.steps -= 1
+            return False
+        while self.paused and not self.steps and not self.seek:
+            if not rclpy.ok():
+                return True
+            executor.spin_once(timeout_sec=POLL_S)
+        self.steps = max(0, self.steps - 1)
+        return self.seek
+
+    def _say_again(self, reader: Any, connections: list[Any], start_ns: int) -> None:
+        """Routes and mounting poses from before the start, which are sent once."""
+        latched = [c for c in connections if topics.BY_NAME[c.topic].latched]
+        last: dict[str, bytes] = {}
+        if latched:
+            for connection, _, data in reader.messages(connections=latched, stop=start_ns):
+                last[connection.topic] = bytes(data)
+        for topic, data in last.items():
+            self.outputs[topic].publish(data)
+
+    def _set_clock(self, stamp_ns: int) -> None:
+        self.now_ns = stamp_ns
+        message = RclpyFactory().new('rosgraph_msgs/msg/Clock')
+        message.clock.sec, message.clock.nanosec = divmod(stamp_ns, 1_000_000_000)
+        self.clock.publish(message)
+
+    def _rate(self) -> float:
+        return float(self.get_parameter('rate').value or 1.0)
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        self.paused = bool(request.data)
+        response.success, response.message = True, f'{"paused" if self.paused else "playing"} at {self.now_ns} ns'
+        return response
+
+    def _on_step(self, request: Any, response: Any) -> Any:
+        self.steps += self.paused
+        response.success, response.message = self.paused, 'a step' if self.paused else 'pause first'
+        return response
+
+    def _on_seek(self, request: Any, response: Any) -> Any:
+        self.seek = True
+        response.success, response.message = True, f'to {self.get_parameter("start_s").value} s'
+        return response
 
 
 def main(args: list[str] | None = None) -> int:

@@ -17,6 +17,7 @@ from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate
 from raw2drive_ros.evaluation.verify import recorded_proposals, verify_bag
+from raw2drive_ros.paths import default_bundle
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag, read_ticks
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
@@ -81,6 +82,12 @@ def test_the_bag_is_whole_and_replays_to_the_same_decisions(driven, bundle) -> N
     verification = verify_bag(out / 'bag', bundle)
     assert verification.equal, verification.text
     assert verification.compared == len(ticks)
+    assert (verification.first, verification.differing) == (None, {})
+    other = verify_bag(out / 'bag', default_bundle())
+    assert not other.equal
+    assert other.first['stamp_ns'] in ticks
+    assert other.first['field'] in other.differing
+    assert f'first /control/proposed at {other.first["stamp_ns"]} ns: {other.first["field"]}' in other.text
 
 
 def test_compressed_images_drive_are_recorded_and_replay_to_the_same_decisions(bundle, tmp_path) -> None:

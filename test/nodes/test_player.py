@@ -1,0 +1,40 @@
+"""The player: pause, step, seek, rate and loop, as seen on /clock."""
+
+import itertools
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.recording.bag_reader import open_bag
+
+PEER = Path(__file__).with_name('player_peer.py')
+ROOT = PEER.parents[2]
+
+
+def test_a_player_pauses_steps_seeks_and_loops(bag, tmp_path) -> None:
+    with open_bag(bag) as reader:
+        start_ns, end_ns = reader.start_time, reader.end_time
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        parameters = {'bag': str(bag), 'paused': True, 'loop': True, 'wait_for_subscribers': 0}
+        graph.start('player', parameters, sim_time=False)
+        peer = subprocess.run(
+            [sys.executable, str(PEER)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=120
+        )
+        assert peer.returncode == 0, peer.stderr[-2000:]
+        graph.check()
+    told = json.loads(peer.stdout.splitlines()[-1])
+    assert told['step while paused'] is True
+    assert len(told['one step']) == 1
+    assert told['nothing'] == told['paused'] == []
+    assert (told['wrong rate'], told['rate'], told['start']) == (False, True, True)
+    playing = told['playing']
+    assert playing == sorted(playing)
+    assert 1.4e9 < playing[-1] - playing[0] < 2.3e9, 'twice as fast as recorded'
+    assert told['after seek'] == [start_ns + 500_000_000]
+    assert told['step while playing'] is False
+    again = told['again']
+    assert max(again) <= end_ns
+    back = [b for a, b in itertools.pairwise(again) if b < a]
+    assert back[0] == start_ns + 500_000_000, 'a loop begins where the first time did'
