@@ -33,12 +33,13 @@ def run_python(code: str) -> subprocess.CompletedProcess:
         (
             [
                 f'raw2drive_ros.{n}'
-                for n in ('simulation', 'world_model', 'driving', 'training', 'evaluation', 'recording')
+                for n in ('simulation', 'world_model', 'driving', 'training', 'evaluation', 'recording', 'faults')
             ],
             ['rclpy'],
         ),
         (['msg_adapters'], ['rclpy', 'torch', 'highway_env']),
         (['raw2drive_ros.simulation'], ['torch', 'rclpy', 'rosbags']),
+        (['raw2drive_ros.faults'], ['torch', 'rclpy', 'highway_env']),
     ],
 )
 def test_rooms_import_without_what_they_may_not_need(packages, blocked) -> None:
