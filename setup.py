@@ -70,6 +70,7 @@ setup(
             'safety_gate = raw2drive_ros.nodes.safety_gate:main',
             'recorder = raw2drive_ros.nodes.recorder:main',
             'fault_injector = raw2drive_ros.nodes.fault_injector:main',
+            'vehicle_probe = raw2drive_ros.nodes.vehicle_probe:main',
             'player = raw2drive_ros.nodes.player:main',
         ],
     },

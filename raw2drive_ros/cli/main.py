@@ -14,6 +14,10 @@ VERBS = {
     'demo': ('demo', 'drive three routes through the whole ROS graph and make a report'),
     'sim': ('sim', 'run the simulation bridge, or list its scenarios'),
     'drive': ('drive', 'run planner and safety gate on a graph that has a vehicle'),
+    'check-vehicle': (
+        'check_vehicle',
+        'probe a graph that claims to be a vehicle: what breaks the contract?',
+    ),
     'record': ('record', 'record a running graph into an MCAP bag'),
     'replay': ('replay', "play a bag's sensors into the graph"),
     'collect': ('collect', 'drive in process and write training bags'),

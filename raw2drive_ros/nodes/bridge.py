@@ -60,7 +60,7 @@ class BridgeNode(Node):
                 'image_width': (160, 'camera image width in pixels'),
                 'image_transport': ('raw', 'raw images, or compressed ones (JPEG)'),
                 'bev': (True, 'publish privileged BEV masks'),
-                'wait_for_image_subscribers': (1, 'start when every sensor topic has so many subscribers'),
+                'wait_for_image_subscribers': (1, 'start when every sensor topic has so many subscribers; 0: at once'),
                 'result_file': ('', 'write results as JSON here when all episodes are driven'),
                 'rows_file': ('', 'append a JSON line per finished episode here'),
                 'progress_file': ('', 'append one JSON line per second of simulated time here'),
@@ -288,6 +288,8 @@ class BridgeNode(Node):
         else:
             sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name not in unused]
         wanted = int(self.p['wait_for_image_subscribers'])
+        if wanted == 0:
+            return
         deadline = time.perf_counter() + self.timing.discovery_timeout_s
         while (fewest := min(map(self._listeners, sensors))) < wanted or self.count_publishers(topics.COMMAND) < 1:
             if time.perf_counter() > deadline:

@@ -1,0 +1,103 @@
+"""Checks that move the car: what each trial asks for, and what the answers must look like."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from raw2drive_ros.conformance.observation import Trial, Verdict
+from raw2drive_ros.contract import Control
+from raw2drive_ros.timing import load_timing
+
+BRAKE = Control(0.0, 0.6, 0.0)
+GO = Control(0.3, 0.0, 0.0)
+# A car that drives may have this much left after it was asked to stand.
+STANDING_MPS = 0.3
+SLOWER_MPS = 0.5
+TURNING_RADPS = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Ask for `control` (None: send nothing) for so many seconds. name: of the trial, empty where nobody looks.
+    until_standing: end when the car has stood for a while, after `LOOK_S` at the earliest."""
+
+    name: str
+    control: Control | None
+    seconds: float
+    until_standing: bool = False
+
+
+LOOK_S = 2.0
+STAND = Step('', BRAKE, 5.0, until_standing=True)
+ROLL = Step('', GO, 2.0)
+PROGRAMME: tuple[Step, ...] = (
+    STAND,
+    Step('brake holds', Control(0.0, 0.3, 0.0), 1.0),
+    Step('throttle drives forward', GO, 2.5),
+    Step('steer left', Control(0.3, 0.0, 0.3), 1.5),
+    Step('steer right', Control(0.3, 0.0, -0.3), 1.5),
+    Step('brake stops', BRAKE, 4.0, until_standing=True),
+    ROLL,
+    Step('silence stops', None, 4.0, until_standing=True),
+    STAND,
+    ROLL,
+    Step('NaN is refused', Control(math.nan, math.nan, math.nan), 4.0, until_standing=True),
+    STAND,
+    ROLL,
+    Step('absurd values are refused', Control(9.0, -3.0, 7.0), 4.0, until_standing=True),
+    STAND,
+)
+
+
+def stands(trial: Trial) -> bool:
+    """Has the car stood still for the last half second?"""
+    recent = [v for t, v in zip(trial.times_s, trial.speeds_mps, strict=True) if t > trial.times_s[-1] - 0.5]
+    return len(recent) >= 5 and trial.times_s[-1] >= LOOK_S and max(map(abs, recent)) < STANDING_MPS / 3
+
+
+def judge_trials(trials: list[Trial]) -> list[Verdict]:
+    """A verdict per trial, in their order."""
+    return [_judge(trial) for trial in trials]
+
+
+def _judge(trial: Trial) -> Verdict:
+    if len(trial.speeds_mps) < 3:
+        return Verdict(trial.name, 'error', 'no odometry during the trial', 'odometry must go on while driving')
+    text = (
+        f'speed {trial.speeds_mps[0]:.1f} to {trial.speeds_mps[-1]:.1f} m/s, '
+        f'yaw rate {float(np.mean(trial.yaw_rates_radps)):+.2f} rad/s'
+    )
+    good, remedy = CHECKS[trial.name](trial)
+    return Verdict(trial.name, 'passed' if good else 'error', text, '' if good else remedy)
+
+
+def _stops(trial: Trial) -> bool:
+    """From the hold time on, the car gets slower, and stands at the end or is far slower."""
+    hold_s = load_timing().command_hold_s
+    later = [speed for t, speed in zip(trial.times_s, trial.speeds_mps, strict=True) if t >= hold_s + 1.0]
+    start = max(trial.speeds_mps[:3])
+    return bool(later) and (abs(later[-1]) < STANDING_MPS or abs(later[-1]) < start - SLOWER_MPS)
+
+
+def _turns(trial: Trial) -> float:
+    """Mean yaw rate of the second half, when the wheels have turned."""
+    return float(np.mean(trial.yaw_rates_radps[len(trial.yaw_rates_radps) // 2 :]))
+
+
+CHECKS: dict[str, Callable[[Trial], tuple[bool, str]]] = {
+    'brake holds': lambda t: (max(map(abs, t.speeds_mps)) < STANDING_MPS, 'the brake must hold a standing car'),
+    'throttle drives forward': lambda t: (
+        t.speeds_mps[-1] > t.speeds_mps[0] + SLOWER_MPS,
+        'positive throttle drives forward, and forward speed is positive (REP-103)',
+    ),
+    'steer left': lambda t: (_turns(t) > TURNING_RADPS, 'positive steer turns LEFT, positive yaw rate (REP-103)'),
+    'steer right': lambda t: (_turns(t) < -TURNING_RADPS, 'negative steer turns right, negative yaw rate (REP-103)'),
+    'brake stops': lambda t: (abs(t.speeds_mps[-1]) < STANDING_MPS, 'brake 0.6 must stop the car within 4 s'),
+    'silence stops': lambda t: (_stops(t), f'hold a command for {load_timing().command_hold_s} s at most, then brake'),
+    'NaN is refused': lambda t: (_stops(t), 'a command that is not finite is no command: as in silence, brake'),
+    'absurd values are refused': lambda t: (_stops(t), 'a command out of range is no command: as in silence, brake'),
+}

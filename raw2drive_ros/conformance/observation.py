@@ -1,0 +1,65 @@
+"""What a probe writes down about a vehicle, and what the checks answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from raw2drive_ros.contract import CameraCalibration, Control, Image8, ImuSample, OdometrySample, Route
+
+Severity = Literal['error', 'warning', 'passed', 'skipped']
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One check. text: what was seen. remedy: what to do, empty when it passed."""
+
+    check: str
+    severity: Severity
+    text: str
+    remedy: str = ''
+
+
+@dataclass(slots=True)
+class TopicSeen:
+    """One topic. stamps_ns: of the messages' headers, as they came. ages_s: ROS time of arrival minus stamp.
+    refused: why messages broke their contract."""
+
+    msgtypes: tuple[str, ...] = ()
+    publishers: int = 0
+    reliable: bool = True
+    transient_local: bool = False
+    stamps_ns: list[int] = field(default_factory=list)
+    ages_s: list[float] = field(default_factory=list)
+    frames: set[str] = field(default_factory=set)
+    refused: list[str] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Observation:
+    """seconds: how long the probe listened. command_subscribers, command_publishers: of the command topic."""
+
+    seconds: float
+    topics: dict[str, TopicSeen] = field(default_factory=dict)
+    images: dict[str, Image8] = field(default_factory=dict)
+    calibrations: dict[str, CameraCalibration] = field(default_factory=dict)
+    imu: list[ImuSample] = field(default_factory=list)
+    odometry: list[OdometrySample] = field(default_factory=list)
+    route: Route | None = None
+    command_subscribers: int = 0
+    command_publishers: int = 0
+
+
+@dataclass(slots=True)
+class Trial:
+    """What the car did while `control` was asked for (None: silence), after `before` was.
+
+    times_s from the beginning of the trial; speeds_mps, yaw_rates_radps by odometry, forces_mps2 the IMU's x axis.
+    """
+
+    name: str
+    control: Control | None
+    times_s: list[float] = field(default_factory=list)
+    speeds_mps: list[float] = field(default_factory=list)
+    yaw_rates_radps: list[float] = field(default_factory=list)
+    forces_mps2: list[float] = field(default_factory=list)

@@ -1,0 +1,204 @@
+"""Probe: listens to a graph that claims to be a vehicle, and, when it may, asks it to move; `conformance` judges.
+
+Writes everything as JSON; `raw2drive check-vehicle` prints it.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from msg_adapters.commands import decision_to_message
+from msg_adapters.compressed import image_from_compressed_message
+from msg_adapters.factory import RclpyFactory
+from msg_adapters.sensors import (
+    calibration_from_messages,
+    image_from_message,
+    imu_from_message,
+    odometry_from_message,
+    route_from_message,
+)
+from msg_adapters.stamps import stamp_ns
+from raw2drive_ros import topics
+from raw2drive_ros.conformance.active import PROGRAMME, Step, judge_trials, stands
+from raw2drive_ros.conformance.observation import Observation, TopicSeen, Trial, Verdict
+from raw2drive_ros.conformance.passive import expected, judge
+from raw2drive_ros.contract import ContractError, Control, Decision
+from raw2drive_ros.driving.bundle import BundleError, load_bundle
+from raw2drive_ros.nodes.parameters import declare, wants_compressed
+from raw2drive_ros.nodes.quality import make_publisher, message_class
+from raw2drive_ros.nodes.runtime import NodeError, run_node
+from raw2drive_ros.timing import load_timing
+
+
+class VehicleProbeNode(Node):
+    """Never publishes a command unless `allow_motion` is set."""
+
+    def __init__(self) -> None:
+        super().__init__('vehicle_probe')
+        self.p = declare(
+            self,
+            {
+                'bundle': ('', 'bundle whose cameras the vehicle must have'),
+                'image_transport': ('raw', 'raw images, or compressed ones'),
+                'seconds': (5.0, 'how long to listen'),
+                'allow_motion': (False, 'also drive the car: only where nobody can be hurt'),
+                'report': ('', 'file for the verdicts as JSON'),
+            },
+        )
+        self.compressed = wants_compressed(self.p['image_transport'])
+        try:
+            self.rig = load_bundle(Path(self.p['bundle'])).rig
+        except BundleError as error:
+            raise NodeError(str(error)) from error
+        self.seen = Observation(float(self.p['seconds']))
+        self.infos: dict[str, Any] = {}
+        self.extrinsics: dict[str, Any] = {}
+        self.trial: Trial | None = None
+        self.trial_started = 0.0
+        self.newest_ns = 0
+
+    def run(self, executor: SingleThreadedExecutor) -> None:
+        cameras = tuple(camera.name for camera in self.rig)
+        self.names = expected(cameras, compressed=self.compressed)
+        # Others have to be found before it can be said that they are not there.
+        _spin(executor, 2.0)
+        self._look_at_graph()
+        for name in self.names:
+            self._listen(name)
+        _spin(executor, self.seen.seconds)
+        verdicts = judge(self.seen, self.rig, compressed=self.compressed)
+        verdicts += self._move(executor, verdicts)
+        Path(self.p['report']).write_text(json.dumps([asdict(verdict) for verdict in verdicts]))
+
+    def _look_at_graph(self) -> None:
+        types = dict(self.get_topic_names_and_types())
+        for name in self.names:
+            infos = self.get_publishers_info_by_topic(name)
+            self.seen.topics[name] = TopicSeen(
+                tuple(types.get(name, ())),
+                len(infos),
+                all(i.qos_profile.reliability == ReliabilityPolicy.RELIABLE for i in infos),
+                all(i.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for i in infos),
+            )
+        self.seen.command_subscribers = self.count_subscribers(topics.COMMAND)
+        self.seen.command_publishers = self.count_publishers(topics.COMMAND)
+
+    def _listen(self, name: str) -> None:
+        spec, topic = topics.BY_NAME[name], self.seen.topics[name]
+        if topic.msgtypes != (spec.msgtype,):
+            return
+        # The weakest wishes match every publisher; what it offers was looked at before.
+        profile = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=50,
+            reliability=ReliabilityPolicy.RELIABLE if topic.reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.transient_local else DurabilityPolicy.VOLATILE,
+        )
+        self.create_subscription(message_class(spec.msgtype), name, self._noter(name), profile)
+
+    def _noter(self, name: str) -> Any:
+        topic = self.seen.topics[name]
+
+        def note(message: Any) -> None:
+            stamp = stamp_ns(message.header.stamp)
+            topic.stamps_ns.append(stamp)
+            topic.ages_s.append((self.get_clock().now().nanoseconds - stamp) * 1e-9)
+            topic.frames.add(str(message.header.frame_id))
+            try:
+                self._keep(name, message)
+            except ContractError as error:
+                topic.refused.append(str(error))
+
+        return note
+
+    def _keep(self, name: str, message: Any) -> None:
+        if name == topics.IMU:
+            sample = imu_from_message(message)
+            self.seen.imu.append(sample)
+            if self.trial is not None:
+                self.trial.forces_mps2.append(sample.specific_force_mps2[0])
+        elif name == topics.ODOMETRY:
+            found = odometry_from_message(message)
+            self.seen.odometry.append(found)
+            self.newest_ns = found.stamp_ns
+            if self.trial is not None:
+                self.trial.times_s.append(time.monotonic() - self.trial_started)
+                self.trial.speeds_mps.append(found.speed_mps)
+                self.trial.yaw_rates_radps.append(found.yaw_rate_radps)
+        elif name == topics.ROUTE:
+            self.seen.route = route_from_message(message)
+        else:
+            camera = name.split('/')[3]
+            if name == topics.camera_info_topic(camera):
+                self.infos[camera] = message
+            elif name == topics.extrinsics_topic(camera):
+                self.extrinsics[camera] = message
+            else:
+                convert = image_from_compressed_message if self.compressed else image_from_message
+                self.seen.images[camera] = convert(message).copy()
+            if camera in self.infos and camera in self.extrinsics:
+                found_camera = calibration_from_messages(camera, self.infos[camera], self.extrinsics[camera])
+                self.seen.calibrations[camera] = found_camera
+
+    # -- motion -----------------------------------------------------------------------------------
+
+    def _move(self, executor: SingleThreadedExecutor, verdicts: list[Verdict]) -> list[Verdict]:
+        if not self.p['allow_motion']:
+            return [Verdict('motion', 'skipped', 'brake, throttle, steering, silence, NaN', 'give --allow-motion')]
+        if self.seen.command_publishers:
+            return [Verdict('motion', 'error', f'somebody publishes {topics.COMMAND}', 'stop the safety gate first')]
+        broken = [
+            v.check for v in verdicts if v.severity == 'error' and v.check.startswith((topics.ODOMETRY, '/control'))
+        ]
+        if broken:
+            return [Verdict('motion', 'skipped', f'not without {", ".join(broken)}', 'mend that first')]
+        output = make_publisher(self, topics.COMMAND)
+        trials = []
+        try:
+            for step in PROGRAMME:
+                trial = self._try(executor, output, step)
+                if step.name:
+                    trials.append(trial)
+        finally:
+            self._ask(output, Control(0.0, 0.6, 0.0))
+        return judge_trials(trials)
+
+    def _try(self, executor: SingleThreadedExecutor, output: Any, step: Step) -> Trial:
+        self.trial, self.trial_started = Trial(step.name, step.control), time.monotonic()
+        period_s = 1.0 / load_timing().decision_rate_hz
+        due = self.trial_started
+        while time.monotonic() < self.trial_started + step.seconds and rclpy.ok():
+            if step.control is not None:
+                self._ask(output, step.control)
+            due += period_s
+            _spin(executor, max(0.0, due - time.monotonic()))
+            if step.until_standing and self.trial.times_s and stands(self.trial):
+                break
+        trial, self.trial = self.trial, None
+        return trial
+
+    def _ask(self, output: Any, control: Control) -> None:
+        output.publish(decision_to_message(RclpyFactory(), Decision(self.newest_ns, control)))
+
+
+def _spin(executor: SingleThreadedExecutor, seconds: float) -> None:
+    deadline = time.monotonic() + seconds
+    while (left := deadline - time.monotonic()) > 0 and rclpy.ok():
+        executor.spin_once(timeout_sec=left)
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(VehicleProbeNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

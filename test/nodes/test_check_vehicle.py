@@ -1,0 +1,49 @@
+"""check-vehicle against our own bridge: every check passes, and it moves nothing unless it may."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from raw2drive_ros.cli.graph import reserve_domain, running_graph
+
+ROOT = Path(__file__).resolve().parents[2]
+BRIDGE = {'lock_step': False, 'wait_for_image_subscribers': 0, 'seed': 1}
+
+
+def check(domain: int, *arguments: str) -> tuple[int, list[dict]]:
+    command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'check-vehicle', '--json', '--sim-time']
+    command += ['--domain', str(domain), '--seconds', '3', *arguments]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=180, env=os.environ)
+    assert result.stdout, result.stderr
+    return result.returncode, json.loads(result.stdout)
+
+
+@pytest.mark.parametrize('motion', [False, True])
+def test_our_own_bridge_keeps_the_contract(tmp_path, motion) -> None:
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        graph.start('bridge', BRIDGE, sim_time=False)
+        time.sleep(4.0)
+        code, verdicts = check(domain, *(['--allow-motion'] if motion else []))
+    wrong = [v for v in verdicts if v['severity'] in ('error', 'warning')]
+    assert (code, wrong) == (0, [])
+    assert len(verdicts) > 60
+    moved = [v['check'] for v in verdicts if v['check'] in ('steer left', 'silence stops', 'NaN is refused')]
+    assert bool(moved) is motion
+    if not motion:
+        assert [v['check'] for v in verdicts if v['severity'] == 'skipped'][-1] == 'motion'
+
+
+def test_an_empty_graph_lacks_everything(tmp_path) -> None:
+    with reserve_domain(None) as domain:
+        code, verdicts = check(domain, '--allow-motion')
+    assert code == 1
+    errors = [v for v in verdicts if v['severity'] == 'error']
+    assert {'nobody publishes it'} <= {v['text'] for v in errors}
+    assert all(v['remedy'] for v in errors)
+    assert verdicts[-1]['check'] == 'motion'
+    assert verdicts[-1]['severity'] == 'skipped'
