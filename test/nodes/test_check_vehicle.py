@@ -16,19 +16,32 @@ BRIDGE = {'lock_step': False, 'wait_for_image_subscribers': 0, 'seed': 1}
 
 
 def check(domain: int, *arguments: str) -> tuple[int, list[dict]]:
-    command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'check-vehicle', '--json', '--sim-time']
+    command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'check-vehicle', '--json']
     command += ['--domain', str(domain), '--seconds', '3', *arguments]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=180, env=os.environ)
     assert result.stdout, result.stderr
     return result.returncode, json.loads(result.stdout)
 
 
-@pytest.mark.parametrize('motion', [False, True])
-def test_our_own_bridge_keeps_the_contract(tmp_path, motion) -> None:
+def start_bridge(graph, domain: int) -> list[str]:
+    graph.start('bridge', BRIDGE, sim_time=False)
+    return ['--sim-time']
+
+
+def start_toy(graph, domain: int) -> list[str]:
+    command = [sys.executable, str(ROOT / 'examples' / 'vehicle_interface' / 'toy_vehicle.py')]
+    graph.processes['toy'] = subprocess.Popen(command, cwd=ROOT, env=graph.environment)
+    return []
+
+
+# The car is moved in the long tests only: the programme takes half a minute.
+@pytest.mark.parametrize('motion', [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.parametrize('start', [start_bridge, start_toy])
+def test_our_bridge_and_the_example_keep_the_contract(tmp_path, start, motion) -> None:
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
-        graph.start('bridge', BRIDGE, sim_time=False)
+        arguments = start(graph, domain)
         time.sleep(4.0)
-        code, verdicts = check(domain, *(['--allow-motion'] if motion else []))
+        code, verdicts = check(domain, *arguments, *(['--allow-motion'] if motion else []))
     wrong = [v for v in verdicts if v['severity'] in ('error', 'warning')]
     assert (code, wrong) == (0, [])
     assert len(verdicts) > 60
