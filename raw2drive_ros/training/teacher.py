@@ -154,6 +154,11 @@ def _hash(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
 
+def _short(value: Any) -> Any:
+    """What people read of a fact; lists of identities are in teacher.json."""
+    return len(value) if isinstance(value, list) else value
+
+
 def _model_card(body: dict[str, Any]) -> str:
     model = body['config']['model']
     lines = [
@@ -164,7 +169,7 @@ def _model_card(body: dict[str, Any]) -> str:
         '',
         f'- RSSM {model["deter"]} + {model["stoch"]} x {model["classes"]}, masks {model["mask_size"]} x '
         f'{model["mask_size"]} of {len(model["mask_classes"])} classes, {body["steps"]} gradient steps',
-        *(f'- {key}: {value}' for key, value in body['facts'].items()),
+        *(f'- {key}: {_short(value)}' for key, value in body['facts'].items()),
         '',
         'Made in and for the highway-env simulation of this repository; not for real roads.',
         '',
