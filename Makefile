@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-long lint types unit build clean
+.PHONY: demo test test-long lint types unit mutants build clean
 
 $(STAMP): setup.py constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -31,9 +31,14 @@ unit: $(STAMP)
 test-long: $(STAMP)
 	$(BIN)/python -m pytest -q -m long test
 
+# Every change of the safety gate's logic that no test notices.
+mutants: $(STAMP)
+	$(BIN)/python -m mutmut run
+	$(BIN)/python -m mutmut results
+
 build: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt colcon-common-extensions
 	$(BIN)/python -m colcon build --packages-select raw2drive_ros
 
 clean:
-	rm -rf $(VENV) build install log runs
+	rm -rf $(VENV) build install log runs mutants

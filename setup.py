@@ -58,7 +58,7 @@ setup(
             'ros-jazzy-rosgraph-msgs',
             'ros-jazzy-rcl-interfaces',
         ],
-        'test': ['pytest>=8', 'hypothesis>=6', 'mypy>=1.10', 'ruff>=0.6', 'types-PyYAML'],
+        'test': ['pytest>=8', 'hypothesis>=6', 'mypy>=1.10', 'ruff>=0.6', 'coverage>=7', 'mutmut>=3.8,<4', 'types-PyYAML'],
         'build': ['colcon-common-extensions'],
     },
     zip_safe=False,
