@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'--out {options.out}: give a name that ends in .mp4')
     ticks, begins = ticks_around(options.bag, options.at, options.seconds)
     if options.training_run is None and not default_teacher().is_dir():
-        raise UsageError('give --run: this version ships no teacher yet')
+        raise UsageError(f'give --run: the shipped teacher is not at {default_teacher()}')
     trainer = load_teacher(options.training_run or default_teacher())
     found = dream(trainer, ticks, begins, own_actions=options.own_actions)
     print(f'{save_dream(options.out, found, list(trainer.config.model.mask_classes))}: {ticks[begins].episode}')

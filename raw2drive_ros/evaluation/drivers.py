@@ -177,7 +177,9 @@ def make_driver(
         return expert_episodes()
     if name == 'privileged':
         if run is None and not default_teacher().is_dir():
-            raise UnknownDriverError('driver privileged needs --run: this version ships no teacher yet')
+            raise UnknownDriverError(
+                f'driver privileged needs --run: the shipped teacher is not at {default_teacher()}'
+            )
         return PrivilegedEpisodes(run or default_teacher(), noise)
     if name == 'raw':
         from raw2drive_ros.driving.bundle import load_bundle
