@@ -5,6 +5,8 @@ This process cannot import privileged code nor subscribe to a privileged topic (
 
 from __future__ import annotations
 
+import math
+import time
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +63,7 @@ class PlannerNode(LifecycleNode):
         self.inputs: PlannerInputs | None = None
         self.failure = ''
         self.logged: list[str] = []
+        self.refusal_logged: dict[str, float] = {}
         self._inputs: list[Any] = []
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.watch_clock = steady_clock()
@@ -144,7 +147,11 @@ class PlannerNode(LifecycleNode):
         return callback
 
     def _on_refused(self, name: str, why: str) -> None:
-        self.get_logger().error(f'{name} refused: {why}', throttle_duration_sec=1.0)
+        # Once a second for each input: the logger's own throttle would let one input hide another.
+        now_s = time.monotonic()
+        if now_s - self.refusal_logged.get(name, -math.inf) >= 1.0:
+            self.refusal_logged[name] = now_s
+            self.get_logger().error(f'{name} refused: {why}')
 
     def _on_jump(self, jump: Any) -> None:
         self.get_logger().warning(f'ROS time went back by {-jump.delta.nanoseconds * 1e-9:.1f} s; starting anew')
