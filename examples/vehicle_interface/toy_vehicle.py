@@ -80,7 +80,10 @@ def painted_ground() -> np.ndarray:
 
 
 class Plant:
-    """A kinematic bicycle; steering follows at a rate, pedals at once."""
+    """A kinematic bicycle in `map`: x, y (m), yaw (rad, left positive), speed (m/s).
+
+    The wheel (rad) follows at a rate, pedals at once.
+    """
 
     def __init__(self, settings: dict) -> None:
         self.s = settings
@@ -133,8 +136,7 @@ class ToyVehicle(Node):
             names += [topics.image_topic(name), topics.camera_info_topic(name), topics.extrinsics_topic(name)]
         self.outputs = {name: make_publisher(self, name) for name in names}
         make_subscription(self, topics.COMMAND, self.on_command, LossCounter())
-        self.ticks, self.arrived_ns = 0, 0
-        self.control: Control | None = None
+        self.ticks = 0
         self.say_once()
         self.create_timer(1.0 / PHYSICS_HZ, self.tick, clock=steady_clock())
 

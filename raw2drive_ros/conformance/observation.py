@@ -54,7 +54,7 @@ class Observation:
 class Trial:
     """What the car did while `control` was asked for (None: silence), after `before` was.
 
-    times_s from the beginning of the trial; speeds_mps, yaw_rates_radps by odometry, forces_mps2 the IMU's x axis.
+    times_s from the beginning of the trial; speeds_mps, yaw_rates_radps by odometry.
     """
 
     name: str
@@ -62,4 +62,3 @@ class Trial:
     times_s: list[float] = field(default_factory=list)
     speeds_mps: list[float] = field(default_factory=list)
     yaw_rates_radps: list[float] = field(default_factory=list)
-    forces_mps2: list[float] = field(default_factory=list)

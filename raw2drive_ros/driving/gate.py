@@ -209,7 +209,7 @@ class Gate:
             self._stop(GateState.EMERGENCY_STOP, silent, now)
         elif (
             self.speed_mps is not None
-            and abs(self.speed_mps) > limits.standing_mps
+            and self._moves
             and self._since(self._stopped, now) > limits.slowing_after_s
             and abs(self.speed_mps) > self._stopped_at_mps - limits.slowing_mps
         ):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from msg_adapters.compressed import image_from_compressed_message
 from msg_adapters.sensors import (
     calibration_from_messages,
@@ -69,10 +71,17 @@ class PlannerInputs:
 
     def _calibration(self, store: dict[str, Any], camera: str) -> Handler:
         def handle(message: Any, now_ns: int) -> None:
-            store[camera] = message
-            if camera in self.infos and camera in self.extrinsics:
+            known, store[camera] = store.get(camera), message
+            if camera not in self.infos or camera not in self.extrinsics:
+                return
+            if camera in self.planner.calibrations and known is not None and _same(known, message):
+                return
+            try:
                 calibration = calibration_from_messages(camera, self.infos[camera], self.extrinsics[camera])
-                self.planner.add_calibration(calibration)
+            except ContractError:
+                self.planner.forget_calibration(camera)
+                raise
+            self.planner.add_calibration(calibration)
 
         return handle
 
@@ -82,3 +91,12 @@ class PlannerInputs:
             return self.planner.add_image(camera, stamp_ns(message.header.stamp), image, now_ns)
 
         return handle
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Do two CameraInfo or TransformStamped say the same? The former comes with every picture."""
+    if hasattr(one, 'transform'):
+        return bool(one.transform == other.transform)
+    return (one.width, one.height) == (other.width, other.height) and all(
+        np.array_equal(getattr(one, name), getattr(other, name)) for name in 'kd'
+    )

@@ -57,11 +57,9 @@ class RawPlanner:
         """Of the sensors, as of the last look."""
         return self.findings[0].health if self.findings else Health.NOMINAL
 
-    def look(self, now_ns: int) -> bool:
-        """Judge the sensors at `now_ns`; True when what is wrong has changed."""
-        before = [finding.cause.split(':')[0] for finding in self.findings]
+    def look(self, now_ns: int) -> None:
+        """Judge the sensors at `now_ns`: see `findings` and `health`."""
         self.findings = self.monitor.findings(now_ns)
-        return [finding.cause.split(':')[0] for finding in self.findings] != before
 
     def add_route(self, route: Route) -> None:
         self.route = route
@@ -72,6 +70,11 @@ class RawPlanner:
         if known is None or not known.equals(calibration):
             self.calibrations[calibration.name] = calibration
             self.rig_checked = False
+
+    def forget_calibration(self, camera: str) -> None:
+        """What a camera says of itself has become unusable: no decision until it is mended."""
+        self.calibrations.pop(camera, None)
+        self.rig_checked = False
 
     def add_image(self, camera: str, stamp_ns: int, image: Image8, now_ns: int) -> Decision | None:
         if not self.monitor.heard(camera, stamp_ns):

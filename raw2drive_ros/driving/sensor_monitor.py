@@ -35,6 +35,11 @@ class Finding:
     cause: str
     remedy: str
 
+    @property
+    def subject(self) -> str:
+        """What it is about, without the figures that change from look to look."""
+        return self.cause.split(':')[0]
+
 
 @dataclass(frozen=True, slots=True)
 class MonitorLimits:
@@ -76,7 +81,8 @@ class SensorMonitor:
     _eyes: dict[str, _Camera] = field(default_factory=dict)
     _frames_ns: deque[int] = field(default_factory=deque)
     _refused: dict[str, tuple[int, str]] = field(default_factory=dict)
-    _absurd: list[str] = field(default_factory=list)
+    _absurd: str = ''
+    _absurd_count: int = 0
     _started_ns: int | None = None
 
     def reset(self) -> None:
@@ -85,7 +91,7 @@ class SensorMonitor:
         self._eyes.clear()
         self._frames_ns.clear()
         self._refused.clear()
-        self._absurd.clear()
+        self._absurd_count = 0
         self._started_ns = None
 
     def start(self, now_ns: int) -> None:
@@ -108,13 +114,13 @@ class SensorMonitor:
     def imu(self, sample: ImuSample) -> None:
         """A reading, to be used all the same: a crash looks absurd too, for a moment."""
         force, rate = math.hypot(*sample.specific_force_mps2), math.hypot(*sample.angular_velocity_radps)
-        absurd = ''
+        self._absurd = ''
         if force > self.limits.max_force_mps2:
-            absurd = f'specific force {force:.0f} m/s2'
+            self._absurd = f'specific force {force:.0f} m/s2'
         elif rate > self.limits.max_rate_radps:
-            absurd = f'angular velocity {rate:.0f} rad/s'
-        self._absurd = [*self._absurd, absurd] if absurd else []
-        if absurd:
+            self._absurd = f'angular velocity {rate:.0f} rad/s'
+        self._absurd_count = self._absurd_count + 1 if self._absurd else 0
+        if self._absurd:
             self._count('imu_absurd')
 
     def frame(self, frame: SensorFrame) -> None:
@@ -187,9 +193,9 @@ class SensorMonitor:
         for name, (then_ns, why) in self._refused.items():
             if (now_ns - then_ns) * 1e-9 <= self.limits.memory_s:
                 found.append(Finding(Health.DEGRADED, f'{name}: refused: {why}', 'the message breaks docs/topics.md'))
-        if self._absurd:
-            health = Health.STOP if len(self._absurd) >= self.limits.absurd_samples else Health.DEGRADED
-            cause = f'imu: {self._absurd[-1]}, {len(self._absurd)} times in a row'
+        if self._absurd_count:
+            health = Health.STOP if self._absurd_count >= self.limits.absurd_samples else Health.DEGRADED
+            cause = f'imu: {self._absurd}, {self._absurd_count} times in a row'
             found.append(Finding(health, cause, 'look at units (SI) and mounting of the IMU'))
         return found
 

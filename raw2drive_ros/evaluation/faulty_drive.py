@@ -177,7 +177,7 @@ class _Stack:
 def _note(drive: FaultyDrive, stack: _Stack, since_s: float, env: DrivingEnv) -> None:
     assert env.world is not None
     gate, known = stack.gate, {cause.split(':')[0] for cause in drive.causes}
-    drive.causes += [f.cause for f in stack.planner.findings if f.cause.split(':')[0] not in known]
+    drive.causes += [f.cause for f in stack.planner.findings if f.subject not in known]
     if gate.state not in STOPS and not (stack.braking and drive.controls):
         return
     if drive.stop_s is None:

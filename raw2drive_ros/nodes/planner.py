@@ -163,9 +163,9 @@ class PlannerNode(LifecycleNode):
         if not self._inputs or self.planner is None:
             return
         self.planner.look(self._now_ns())
-        causes = [finding.cause.split(':')[0] for finding in self.planner.findings]
-        if causes != self.logged:
-            self.logged = causes
+        subjects = [finding.subject for finding in self.planner.findings]
+        if subjects != self.logged:
+            self.logged = subjects
             for finding in self.planner.findings:
                 self.get_logger().warning(f'{finding.health.name.lower()}: {finding.cause}; {finding.remedy}')
             self.diagnostics.publish()

@@ -122,10 +122,7 @@ class VehicleProbeNode(Node):
 
     def _keep(self, name: str, message: Any) -> None:
         if name == topics.IMU:
-            sample = imu_from_message(message)
-            self.seen.imu.append(sample)
-            if self.trial is not None:
-                self.trial.forces_mps2.append(sample.specific_force_mps2[0])
+            self.seen.imu.append(imu_from_message(message))
         elif name == topics.ODOMETRY:
             found = odometry_from_message(message)
             self.seen.odometry.append(found)

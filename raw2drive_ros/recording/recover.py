@@ -64,6 +64,14 @@ def recover(path: Path, out: Path) -> Recovery:
 
 
 def _facts(file: Path) -> dict[str, str]:
+    """Provenance beside the file; a damaged one is no reason to lose the messages."""
+    try:
+        return _read_facts(file)
+    except (OSError, ValueError, AttributeError, TypeError, yaml.YAMLError):
+        return {'provenance': 'damaged'}
+
+
+def _read_facts(file: Path) -> dict[str, str]:
     for folder in (file.parent, file.parent.parent):
         if (folder / PROVENANCE).is_file():
             return {k: str(v) for k, v in json.loads((folder / PROVENANCE).read_text()).items()}

@@ -118,7 +118,7 @@ def test_nothing_seen_is_a_list_of_errors_not_a_crash() -> None:
 
 def trial(name: str, speeds, yaw_rates=None) -> Trial:
     times = [0.1 * i for i in range(len(speeds))]
-    return Trial(name, Control(), times, list(speeds), list(yaw_rates or np.zeros(len(speeds))), [])
+    return Trial(name, Control(), times, list(speeds), list(yaw_rates or np.zeros(len(speeds))))
 
 
 GOING, STOPPING = np.linspace(0, 3, 25), np.linspace(4, 0, 25)
