@@ -74,6 +74,9 @@ def ranks_of_torchrun() -> Iterator[Ranks]:
         return
     dist.init_process_group('gloo')
     try:
-        yield Ranks(dist.get_rank(), count)
+        ranks = Ranks(dist.get_rank(), count)
+        yield ranks
+        # The first process still writes when the others are done: who hangs up on it early may abort, or make it abort.
+        ranks.wait()
     finally:
         dist.destroy_process_group()
