@@ -77,6 +77,7 @@ setup(
             'planner = raw2drive_ros.nodes.planner:main',
             'safety_gate = raw2drive_ros.nodes.safety_gate:main',
             'recorder = raw2drive_ros.nodes.recorder:main',
+            'command_adapter = raw2drive_ros.nodes.command_adapter:main',
             'fault_injector = raw2drive_ros.nodes.fault_injector:main',
             'vehicle_probe = raw2drive_ros.nodes.vehicle_probe:main',
             'player = raw2drive_ros.nodes.player:main',

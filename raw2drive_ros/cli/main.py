@@ -18,6 +18,7 @@ VERBS = {
         'check_vehicle',
         'probe a graph that claims to be a vehicle: what breaks the contract?',
     ),
+    'adapt': ('adapt', 'translate commands for a vehicle that takes TwistStamped, Ackermann, Autoware or CARLA'),
     'record': ('record', 'record a running graph into an MCAP bag'),
     'replay': ('replay', "play a bag's sensors into the graph"),
     'collect': ('collect', 'drive in process and write training bags'),

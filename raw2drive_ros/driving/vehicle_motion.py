@@ -1,0 +1,55 @@
+"""Pedals and steering as the motion that they ask of a car: for vehicles that take speeds and angles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from raw2drive_ros.contract import Control
+
+
+@dataclass(frozen=True, slots=True)
+class CarFigures:
+    """wheelbase_m; max_steer_rad: wheel angle at steer 1; full pedals' accelerations (m/s2, both positive)."""
+
+    wheelbase_m: float
+    max_steer_rad: float
+    full_throttle_mps2: float
+    full_brake_mps2: float
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """speed_mps: to be reached, negative backwards. acceleration_mps2: of that signed speed. Left is positive."""
+
+    speed_mps: float
+    acceleration_mps2: float
+    wheel_angle_rad: float
+    yaw_rate_radps: float
+
+
+def motion_of(control: Control, speed_mps: float, car: CarFigures, horizon_s: float) -> Motion:
+    """What `control` does to a car that drives at `speed_mps` within `horizon_s`, on a kinematic bicycle.
+
+    The brake takes speed away and never turns it round: its target ends at 0, its acceleration does not, so that a
+    car that follows accelerations stops as hard as it is asked to.
+    """
+    backwards = speed_mps < 0.0 or (speed_mps == 0.0 and control.reverse)
+    push_mps2 = control.throttle * car.full_throttle_mps2 * (-1.0 if control.reverse else 1.0)
+    drag_mps2 = control.brake * car.full_brake_mps2
+    pushed_mps = speed_mps + push_mps2 * horizon_s
+    left_mps = max(0.0, abs(pushed_mps) - drag_mps2 * horizon_s)
+    target_mps = math.copysign(left_mps, pushed_mps) if left_mps else 0.0
+    wheel_rad = control.steer * car.max_steer_rad
+    return Motion(
+        target_mps,
+        push_mps2 + (drag_mps2 if backwards else -drag_mps2),
+        wheel_rad,
+        target_mps * math.tan(wheel_rad) / car.wheelbase_m,
+    )
+
+
+def standstill(control: Control, car: CarFigures) -> Motion:
+    """Speed 0 and the brake of `control` (full where it has none): what is asked when the car's speed is unknown."""
+    brake = control.brake or 1.0
+    return Motion(0.0, -brake * car.full_brake_mps2, control.steer * car.max_steer_rad, 0.0)

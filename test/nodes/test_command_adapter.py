@@ -1,0 +1,55 @@
+"""The command adapter between real processes: what a car with TwistStamped gets."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from raw2drive_ros.cli.graph import reserve_domain, running_graph
+
+PEER = Path(__file__).with_name('adapter_peer.py')
+ROOT = PEER.parents[2]
+
+
+def test_commands_silence_nan_and_lost_odometry(tmp_path) -> None:
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        graph.start('command_adapter', {'output': 'twist', 'topic': '/car/cmd_vel'}, sim_time=False)
+        peer = subprocess.run(
+            [sys.executable, str(PEER)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=60
+        )
+        assert peer.returncode == 0, peer.stderr[-2000:]
+        graph.check()
+        log = (tmp_path / 'command_adapter.log').read_text()
+    told = json.loads(peer.stdout.splitlines()[-1])
+    assert all(len(messages) >= 5 for messages in told.values()), 'it is never silent'
+    # 8 m/s, 0.5 s ahead: full throttle of 5 m/s2, or the brake's 0.6 of 8 m/s2.
+    for phase, speed in {
+        'before': 5.6,
+        'left': 10.5,
+        'silence': 5.6,
+        'nan': 5.6,
+        'again': 10.5,
+        'no odometry': 0,
+    }.items():
+        assert {round(message[0], 6) for message in told[phase]} == {speed}, phase
+    assert all(yaw_rate > 0.5 for _, yaw_rate in told['left'])
+    assert 'command refused: Control: not finite' in log
+    for said in ('no command: braking', 'passing commands on', 'no odometry: asking for a standstill'):
+        assert said in log
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'words'),
+    [
+        ({'output': 'ackermann'}, 'output ackermann needs the ROS package ackermann_msgs: install and source it'),
+        ({'output': 'pigeon'}, "parameter output is 'pigeon'; use one of twist, ackermann, autoware, carla"),
+        ({'horizon_s': 0.0}, 'parameter horizon_s is 0.0; use 0 to 5 s'),
+    ],
+)
+def test_what_cannot_work_ends_at_once_and_says_why(tmp_path, parameters, words) -> None:
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        graph.start('command_adapter', parameters, sim_time=False)
+        assert graph.processes['command_adapter'].wait(30) == 1
+        assert graph.last_words('command_adapter') == words
