@@ -36,7 +36,7 @@ def twist_to_message(factory: MessageFactory, control: Control, motion: Motion, 
 
 
 def ackermann_to_message(factory: MessageFactory, control: Control, motion: Motion, time_ns: int) -> Any:
-    """AckermannDriveStamped: angle of the virtual front wheel (left positive), speed, acceleration; 0 leaves rates free."""
+    """AckermannDriveStamped: angle of the virtual front wheel (left positive), speed, acceleration; rates are free."""
     message = _stamped(factory, 'ackermann_msgs/msg/AckermannDriveStamped', time_ns)
     drive = message.drive
     drive.steering_angle, drive.speed = motion.wheel_angle_rad, motion.speed_mps

@@ -17,18 +17,18 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from msg_adapters.commands import decision_from_message, decision_to_message
+from msg_adapters.commands import decision_to_message
 from msg_adapters.diagnostics import OK, WARN
 from msg_adapters.factory import RclpyFactory
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError, Control, Decision
-from raw2drive_ros.driving.command_policy import CommandPolicy
+from raw2drive_ros.contract import Decision
 from raw2drive_ros.evaluation.drivers import EpisodeDriver, make_driver
 from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
 from raw2drive_ros.evaluation.evaluate import timing_of
+from raw2drive_ros.nodes.command_wait import CommandWait
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
-from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import NodeError, run_node
 from raw2drive_ros.recording.tick_messages import TickMessages
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
@@ -36,8 +36,6 @@ from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import UnknownScenarioError, get_scenario
 from raw2drive_ros.simulation.weather import CLEAR, UnknownWeatherError, get_weather
 from raw2drive_ros.timing import load_timing
-
-RESEND_AFTER_S = 1.0
 
 
 class BridgeNode(Node):
@@ -73,7 +71,6 @@ class BridgeNode(Node):
         if p['image_height'] <= 0 or p['image_width'] <= 0:
             raise NodeError('image_height and image_width must be positive')
         self.compressed = wants_compressed(p['image_transport'])
-        self.lock_step = bool(p['lock_step'])
         self.queue = _parse_episodes(p['episodes'])
         self.endless = not self.queue
         get_scenario(p['scenario'])
@@ -85,28 +82,24 @@ class BridgeNode(Node):
         self.env = DrivingEnv(config)
         self.messages = TickMessages(RclpyFactory(), self.env.rig, compressed=self.compressed)
         self.losses = LossCounter()
-        self.policy = CommandPolicy(self.timing.command_hold_s, self.timing.command_brake)
+        self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
         self.outputs: dict[str, Any] = {}
         for spec in topics.TOPICS:
             if spec.publisher.startswith('bridge'):
                 self.outputs[spec.name] = make_publisher(self, spec.name)
         if self.co_driver is not None:
             self.outputs[topics.PROPOSED] = make_publisher(self, topics.PROPOSED)
-        make_subscription(self, topics.COMMAND, self._on_command, self.losses)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.create_timer(1.0, self.diagnostics.publish)
-        self.answer: tuple[int, Control] | None = None
         self.reset_to: RouteId | None = None
         self.proposed: Decision | None = None
         self.paused = False
-        self.bad_commands = 0
         self.tick_ms: list[float] = []
         self.results: list[dict[str, Any]] = []
         self.episode = ''
         self.tick_started = 0.0
-        self.due = 0.0
 
     # -- main loop --------------------------------------------------------------------------------
 
@@ -134,19 +127,23 @@ class BridgeNode(Node):
     def _drive(self, route: RouteId, index: int) -> None:
         tick, _ = self.env.reset_to(route)
         self.episode = str(route)
-        self.policy.reset()
         if self.co_driver is not None:
             self.co_driver.reset(driver_seed(route))
         self._publish_route(tick)
         ticks = 0
-        self.due = time.perf_counter()
+        self.commands.begin()
         limit = int(self.p['max_ticks'])
         while not self.env.done and (not limit or ticks < limit):
             self.tick_started = time.perf_counter()
             self._publish(tick)
             if self.co_driver is not None:
                 self._propose(self.co_driver.control(self.env, as_received(self.messages.factory, tick), tick))
-            control = self._wait_for_command(tick)
+            control = self.commands.wait(
+                tick.stamp_ns,
+                self.executor_,
+                lambda tick=tick: self._publish_again(tick),
+                lambda: self.reset_to is not None,
+            )
             while self.paused:
                 self.executor_.spin_once(timeout_sec=0.1)
             if self.reset_to is not None:
@@ -164,39 +161,11 @@ class BridgeNode(Node):
                 file.write(json.dumps(self.results[-1]) + '\n')
         self._progress(index, ticks, done=True)
 
-    def _wait_for_command(self, tick: Tick) -> Control:
-        """Lock-step: the answer to this stamp. Real time: what has arrived when the tick's time is up."""
-        if self.lock_step:
-            deadline = self.tick_started + self.timing.lock_step_timeout_s
-        else:
-            # A fixed schedule: simulating a tick takes from its own time, not from the next one's.
-            self.due = max(self.due + 1.0 / self.timing.decision_rate_hz, time.perf_counter())
-            deadline = self.due
-            self.executor_.spin_once(timeout_sec=0.0)
-        resend = self.tick_started + RESEND_AFTER_S
-        while (left := deadline - time.perf_counter()) > 0:
-            if self.lock_step and self.answer is not None and self.answer[0] == tick.stamp_ns:
-                self.policy.accept(self.answer[1], tick.stamp_ns)
-                return self.answer[1]
-            self.executor_.spin_once(timeout_sec=min(left, 0.05))
-            if self.reset_to is not None:
-                break
-            if self.lock_step and time.perf_counter() > resend:
-                # Something of this tick got lost between peers that had not found each other yet.
-                resend = time.perf_counter() + RESEND_AFTER_S
-                self._publish_route(tick)
-                self._publish(tick)
-                if self.proposed is not None:
-                    self._propose(self.proposed)
-        newest = self.answer
-        if not self.lock_step and newest is not None:
-            age_s = (tick.stamp_ns - newest[0]) * 1e-9
-            if 0.0 <= age_s <= self.timing.command_hold_s:
-                self.policy.accept(newest[1], newest[0])
-                return newest[1]
-        control = self.policy.missing(tick.stamp_ns)
-        self.get_logger().warning(f'no command for {tick.stamp_ns} ns; applying {control}', throttle_duration_sec=1.0)
-        return control
+    def _publish_again(self, tick: Tick) -> None:
+        self._publish_route(tick)
+        self._publish(tick)
+        if self.proposed is not None:
+            self._propose(self.proposed)
 
     # -- publishing -------------------------------------------------------------------------------
 
@@ -226,14 +195,6 @@ class BridgeNode(Node):
 
     # -- callbacks --------------------------------------------------------------------------------
 
-    def _on_command(self, message: Any) -> None:
-        try:
-            decision = decision_from_message(message)
-            self.answer = (decision.stamp_ns, decision.control.validate())
-        except ContractError as error:
-            self.bad_commands += 1
-            self.get_logger().error(f'command refused: {error}', throttle_duration_sec=1.0)
-
     def _on_reset(self, request: Any, response: Any) -> Any:
         """Start over with the parameters `scenario`, `seed` and `weather`."""
         scenario = str(self.get_parameter('scenario').value)
@@ -255,11 +216,11 @@ class BridgeNode(Node):
         return response
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
-        level = WARN if self.policy.missed or self.losses.total or self.bad_commands else OK
+        level = WARN if self.commands.policy.missed or self.losses.total or self.commands.refused else OK
         values = {
             'episode': self.episode,
-            'commands_missed': self.policy.missed,
-            'commands_refused': self.bad_commands,
+            'commands_missed': self.commands.policy.missed,
+            'commands_refused': self.commands.refused,
             'messages_lost': self.losses.total,
             'paused': self.paused,
         }
@@ -333,7 +294,7 @@ class BridgeNode(Node):
         if not self.p['result_file']:
             return
         timing = timing_of(self.tick_ms, self.losses.total)
-        timing['commands_missed'] = self.policy.missed
+        timing['commands_missed'] = self.commands.policy.missed
         target = Path(self.p['result_file'])
         partial = target.with_suffix('.partial')
         partial.write_text(json.dumps({'routes': self.results, 'timing': timing}))

@@ -1,4 +1,4 @@
-"""Commands for other vehicles, through CDR and back; types that common_interfaces lacks are declared here by their fields."""
+"""Commands for other vehicles, through CDR and back; types that common_interfaces lacks are declared by field."""
 
 import pytest
 from rosbags.typesys import get_types_from_msg

@@ -1,0 +1,86 @@
+"""The vehicle's end of /control/command for bridges: wait for the answer to a tick, and never drive on without one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from msg_adapters.commands import decision_from_message
+from raw2drive_ros import topics
+from raw2drive_ros.contract import ContractError, Control
+from raw2drive_ros.driving.command_policy import CommandPolicy
+from raw2drive_ros.nodes.quality import LossCounter, make_subscription
+from raw2drive_ros.timing import load_timing
+
+RESEND_AFTER_S = 1.0
+
+
+class CommandWait:
+    """lock_step: wait for the command with the tick's stamp. Otherwise take what has come when its time is up."""
+
+    def __init__(self, node: Node, losses: LossCounter, *, lock_step: bool) -> None:
+        self.node, self.lock_step = node, lock_step
+        self.timing = load_timing()
+        self.policy = CommandPolicy(self.timing.command_hold_s, self.timing.command_brake)
+        self.answer: tuple[int, Control] | None = None
+        self.refused = 0
+        self.due = 0.0
+        make_subscription(node, topics.COMMAND, self._on_command, losses)
+
+    def begin(self) -> None:
+        """A new episode: nothing is held, and the schedule of real time starts now."""
+        self.policy.reset()
+        self.due = time.perf_counter()
+
+    def _on_command(self, message: Any) -> None:
+        try:
+            decision = decision_from_message(message)
+            self.answer = (decision.stamp_ns, decision.control.validate())
+        except ContractError as error:
+            self.refused += 1
+            self.node.get_logger().error(f'command refused: {error}', throttle_duration_sec=1.0)
+
+    def wait(
+        self,
+        stamp_ns: int,
+        executor: SingleThreadedExecutor,
+        resend: Callable[[], None],
+        interrupted: Callable[[], bool] = lambda: False,
+    ) -> Control:
+        """The command for the tick of `stamp_ns`, or what `CommandPolicy` puts in its place.
+
+        resend: publishes the tick again, for peers that had not found each other yet (lock-step). interrupted: ends the
+        wait before its time.
+        """
+        started = time.perf_counter()
+        if self.lock_step:
+            deadline = started + self.timing.lock_step_timeout_s
+        else:
+            # A fixed schedule: simulating a tick takes from its own time, not from the next one's.
+            self.due = max(self.due + 1.0 / self.timing.decision_rate_hz, started)
+            deadline = self.due
+            executor.spin_once(timeout_sec=0.0)
+        again = started + RESEND_AFTER_S
+        while (left := deadline - time.perf_counter()) > 0:
+            if self.lock_step and self.answer is not None and self.answer[0] == stamp_ns:
+                self.policy.accept(self.answer[1], stamp_ns)
+                return self.answer[1]
+            executor.spin_once(timeout_sec=min(left, 0.05))
+            if interrupted():
+                break
+            if self.lock_step and time.perf_counter() > again:
+                again = time.perf_counter() + RESEND_AFTER_S
+                resend()
+        newest = self.answer
+        if not self.lock_step and newest is not None:
+            age_s = (stamp_ns - newest[0]) * 1e-9
+            if 0.0 <= age_s <= self.timing.command_hold_s:
+                self.policy.accept(newest[1], newest[0])
+                return newest[1]
+        control = self.policy.missing(stamp_ns)
+        self.node.get_logger().warning(f'no command for {stamp_ns} ns; applying {control}', throttle_duration_sec=1.0)
+        return control
