@@ -5,6 +5,8 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = 'raw2drive_ros'
+# MIT; wheels for Linux and Windows on x86-64 only.
+CARLA = 'carla>=0.9.15,<0.10; platform_machine == "x86_64" and python_version >= "3.10" and python_version < "3.13"'
 SHARE = Path('share') / NAME
 
 
@@ -66,7 +68,10 @@ setup(
             'coverage>=7',
             'mutmut>=3.8,<4',
             'types-PyYAML',
+            CARLA,
         ],
+        # The client has to be of the server's version.
+        'carla': [CARLA],
         'build': ['colcon-common-extensions'],
     },
     zip_safe=False,
@@ -77,6 +82,7 @@ setup(
             'planner = raw2drive_ros.nodes.planner:main',
             'safety_gate = raw2drive_ros.nodes.safety_gate:main',
             'recorder = raw2drive_ros.nodes.recorder:main',
+            'carla_bridge = raw2drive_ros.nodes.carla_bridge:main',
             'command_adapter = raw2drive_ros.nodes.command_adapter:main',
             'fault_injector = raw2drive_ros.nodes.fault_injector:main',
             'vehicle_probe = raw2drive_ros.nodes.vehicle_probe:main',

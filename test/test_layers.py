@@ -33,12 +33,22 @@ def run_python(code: str) -> subprocess.CompletedProcess:
         (
             [
                 f'raw2drive_ros.{n}'
-                for n in ('simulation', 'world_model', 'driving', 'training', 'evaluation', 'recording', 'faults')
+                for n in (
+                    'simulation',
+                    'world_model',
+                    'driving',
+                    'training',
+                    'evaluation',
+                    'recording',
+                    'faults',
+                    'carla_vehicle',
+                )
             ],
             ['rclpy'],
         ),
         (['msg_adapters'], ['rclpy', 'torch', 'highway_env']),
         (['raw2drive_ros.simulation'], ['torch', 'rclpy', 'rosbags']),
+        (['raw2drive_ros.carla_vehicle'], ['torch', 'rclpy', 'highway_env', 'carla']),
         (['raw2drive_ros.faults'], ['torch', 'rclpy', 'highway_env']),
     ],
 )

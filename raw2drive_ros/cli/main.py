@@ -19,6 +19,7 @@ VERBS = {
         'probe a graph that claims to be a vehicle: what breaks the contract?',
     ),
     'adapt': ('adapt', 'translate commands for a vehicle that takes TwistStamped, Ackermann, Autoware or CARLA'),
+    'carla': ('carla', 'a car of a CARLA server as the vehicle'),
     'record': ('record', 'record a running graph into an MCAP bag'),
     'replay': ('replay', "play a bag's sensors into the graph"),
     'collect': ('collect', 'drive in process and write training bags'),

@@ -1,0 +1,34 @@
+"""A route along CARLA's lanes: straight on where it can, a seeded choice at junctions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from raw2drive_ros.carla_vehicle.geometry import pose_from_carla
+from raw2drive_ros.contract import ContractError, Float64
+
+
+def follow_lanes(waypoint: Any, length_m: float, spacing_m: float, rng: np.random.Generator) -> Float64:
+    """(N, 2) checkpoints in `map` from a `carla.Waypoint` on, until `length_m` or the end of the road.
+
+    Raises ContractError for a road that ends before the second one.
+    """
+    points = [_position(waypoint)]
+    for _ in range(round(length_m / spacing_m)):
+        ways = waypoint.next(spacing_m)
+        if not ways:
+            break
+        # The order in which the server lists them is not promised.
+        ways = sorted(ways, key=lambda way: (way.road_id, way.lane_id))
+        waypoint = ways[int(rng.integers(len(ways)))]
+        points.append(_position(waypoint))
+    if len(points) < 2:
+        raise ContractError(f'the road ends within {spacing_m:g} m of the start: choose another spawn point')
+    return np.array(points)
+
+
+def _position(waypoint: Any) -> tuple[float, float]:
+    pose = pose_from_carla(waypoint.transform.get_matrix())
+    return float(pose[0, 3]), float(pose[1, 3])

@@ -1,0 +1,113 @@
+"""CARLA bridge: a car of a CARLA server on the same topics as the simulation bridge, without anything privileged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from msg_adapters.diagnostics import OK, WARN
+from msg_adapters.factory import RclpyFactory
+from raw2drive_ros import topics
+from raw2drive_ros.carla_vehicle.client import CarlaSettings, CarlaTick, CarlaVehicle
+from raw2drive_ros.contract import Control
+from raw2drive_ros.driving.bundle import load_bundle
+from raw2drive_ros.nodes.command_wait import CommandWait
+from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
+from raw2drive_ros.nodes.parameters import declare, wants_compressed
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher
+from raw2drive_ros.nodes.runtime import run_node, steady_clock
+from raw2drive_ros.paths import default_bundle
+from raw2drive_ros.recording.tick_messages import IMU_X_M, TickMessages
+
+DEFAULTS = CarlaSettings(imu_x_m=IMU_X_M)
+
+
+class CarlaBridgeNode(Node):
+    """The cameras are those of the bundle, at its mounting poses, in the middle of whatever car is chosen."""
+
+    def __init__(self) -> None:
+        super().__init__('carla_bridge')
+        p = declare(
+            self,
+            {
+                'host': (DEFAULTS.host, 'of the CARLA server'),
+                'port': (DEFAULTS.port, 'of the CARLA server'),
+                'timeout_s': (DEFAULTS.timeout_s, 'how long the server may take to answer'),
+                'town': (DEFAULTS.town, 'map to load (default: the one that is loaded)'),
+                'vehicle': (DEFAULTS.vehicle, 'blueprint of the car'),
+                'spawn_point': (DEFAULTS.spawn_point, 'index of the place to start at'),
+                'route_m': (DEFAULTS.route_m, 'length of the route along the lanes'),
+                'seed': (DEFAULTS.seed, "of the route's choices at junctions"),
+                'bundle': ('', 'policy bundle whose cameras are mounted (default: the shipped one)'),
+                'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
+                'image_transport': ('raw', 'raw images, or compressed ones (JPEG)'),
+                'max_ticks': (0, 'end after so many decision ticks; 0: never'),
+            },
+        )
+        compressed = wants_compressed(p['image_transport'])
+        rig = load_bundle(Path(p['bundle']) if p['bundle'] else default_bundle()).rig
+        names = ('host', 'port', 'timeout_s', 'town', 'vehicle', 'spawn_point', 'route_m', 'seed')
+        self.vehicle = CarlaVehicle(CarlaSettings(**{name: p[name] for name in names}, imu_x_m=IMU_X_M), rig)
+        if self.vehicle.versions[0] != self.vehicle.versions[1]:
+            self.get_logger().warning('client {} and server {} differ'.format(*self.vehicle.versions))
+        self.max_ticks = int(p['max_ticks'])
+        self.messages = TickMessages(RclpyFactory(), rig, compressed=compressed)
+        self.losses = LossCounter()
+        self.outputs = {
+            spec.name: make_publisher(self, spec.name)
+            for spec in topics.TOPICS
+            if spec.publisher.startswith('bridge') and not spec.privileged
+        }
+        self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
+        self.diagnostics = DiagnosticsPublisher(self, self._describe)
+        self.create_timer(1.0, self.diagnostics.publish, clock=steady_clock())
+
+    def run(self, executor: SingleThreadedExecutor) -> None:
+        """Tick the server until the context ends; the first ticks stand on the brake."""
+        tick = self.vehicle.step(Control(brake=1.0))
+        for topic, _, message in self.messages.latched(tick.stamp_ns):
+            self.outputs[topic].publish(message)
+        self.commands.begin()
+        ticks = 0
+        while rclpy.ok() and (not self.max_ticks or ticks < self.max_ticks):
+            self._publish(tick, route=ticks % 10 == 0)
+            control = self.commands.wait(tick.stamp_ns, executor, lambda tick=tick: self._publish(tick, route=True))
+            tick = self.vehicle.step(control)
+            ticks += 1
+
+    def _publish(self, tick: CarlaTick, *, route: bool) -> None:
+        clock = self.messages.factory.new('rosgraph_msgs/msg/Clock')
+        clock.clock.sec, clock.clock.nanosec = divmod(tick.stamp_ns, 1_000_000_000)
+        self.outputs[topics.CLOCK].publish(clock)
+        if route:
+            topic, _, message = self.messages.route(tick)
+            self.outputs[topic].publish(message)
+        for source in (self.messages.motion(tick), self.messages.cameras(tick)):
+            for topic, _, message in source:
+                self.outputs[topic].publish(message)
+
+    def _describe(self) -> tuple[int, str, dict[str, Any]]:
+        missed, refused = self.commands.policy.missed, self.commands.refused
+        level = WARN if missed or refused or self.losses.total else OK
+        values = {
+            'server': self.vehicle.versions[1],
+            'commands_missed': missed,
+            'commands_refused': refused,
+            'messages_lost': self.losses.total,
+        }
+        return level, 'driving', values
+
+    def close(self) -> None:
+        self.vehicle.close()
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(CarlaBridgeNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,21 @@
+"""The CARLA bridge node with the stand-in for the server; prints the controls that the car got as JSON."""
+
+import json
+import sys
+from types import SimpleNamespace
+
+import carla
+import stand_in
+
+from raw2drive_ros.carla_vehicle import client
+from raw2drive_ros.nodes import carla_bridge
+
+if __name__ == '__main__':
+    types = ('Location', 'Rotation', 'Transform', 'VehicleControl')
+    package = SimpleNamespace(Client=stand_in.Client, **{name: getattr(carla, name) for name in types})
+    client._package = lambda: package
+    stand_in.Client.world = stand_in.World()
+    code = carla_bridge.main(sys.argv)
+    car = stand_in.Client.world.actors[0]
+    print(json.dumps([(control.throttle, control.brake, control.steer) for control in car.controls]))
+    raise SystemExit(code)
