@@ -1,6 +1,6 @@
 """What each part of the teacher's recipe is worth: one thing changed at a time, on the same bags, judged on validation.
 
-Every variant is trained from nothing on the bags that a run of the recipe collected (`raw2drive train privileged`), with
+Every variant is trained from nothing on the bags that a run of the recipe collected (`raw2drive train privileged`) with
 the same number of steps and draws, then drives the suite `validation`. A variant that is done already is not done
 again; one that was stopped goes on. `base_seed1` is the base with other draws: differences of its size are chance.
 
