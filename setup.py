@@ -41,6 +41,7 @@ setup(
         'mcap>=1.2',
         'numpy>=1.26',
         'opencv-python-headless>=4.9',
+        'psutil>=5.9',
         'pydantic>=2.7',
         'pyyaml>=6',
         'rich>=13',

@@ -31,7 +31,7 @@ def nodes(context: object) -> list[Node]:
 
     return [
         node('fault_injector', simulated | {'plans': plans, 'plan': plan}),
-        node('safety_gate', simulated | {'clock': 'steady'}, (topics.PROPOSED, topics.ODOMETRY)),
+        node('safety_gate', simulated | {'clock': 'steady', 'simulated': True}, (topics.PROPOSED, topics.ODOMETRY)),
         node('planner', simulated | {'bundle': bundle}, topics.SENSOR_TOPICS),
         node(
             'bridge',

@@ -45,7 +45,7 @@ def generate_launch_description() -> LaunchDescription:
                 package='raw2drive_ros',
                 executable='safety_gate',
                 name='safety_gate',
-                parameters=[simulated | {'clock': value('gate_clock')}],
+                parameters=[simulated | {'clock': value('gate_clock'), 'simulated': True}],
             ),
             Node(
                 package='raw2drive_ros',

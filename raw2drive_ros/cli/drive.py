@@ -27,7 +27,7 @@ def run(options: argparse.Namespace) -> int:
     bundle = (options.bundle or default_bundle()).resolve()
     load_bundle(bundle)
     nodes = {
-        'safety_gate': {'clock': 'ros' if options.lock_step else 'steady'},
+        'safety_gate': {'clock': 'ros' if options.lock_step else 'steady', 'simulated': options.lock_step},
         'planner': {'bundle': str(bundle), 'image_transport': options.image_transport},
     }
     return run_single(nodes, options.domain, sim_time=options.lock_step)

@@ -24,6 +24,7 @@ USER_ERRORS = {
     'NonFiniteError': 1,
     'ResultsError': 1,
     'ResultsFileError': 1,
+    'SoakError': 1,
     'UnfairScenarioError': 1,
     'UnknownDriverError': 2,
     'UnknownScenarioError': 2,

@@ -86,7 +86,8 @@ def _start(graph: Graph, job: GraphJob) -> None:
         graph.start('fault_injector', {'plans': file, 'plan': plan})
         faults = load_plans(file).plans[plan]
     heard = remapping(faults, (topics.PROPOSED, topics.ODOMETRY))
-    graph.start('safety_gate', {'clock': 'steady' if job.real_time else 'ros'}, remap=heard)
+    gate = {'clock': 'steady' if job.real_time else 'ros', 'simulated': True}
+    graph.start('safety_gate', gate, remap=heard)
     if job.bundle is not None:
         planner = {'bundle': str(job.bundle.resolve()), 'stats_file': str(out / 'planner.json')}
         heard = remapping(faults, topics.SENSOR_TOPICS)
@@ -112,7 +113,7 @@ def _start(graph: Graph, job: GraphJob) -> None:
 
 def _wait(graph: Graph, out: Path, count: int, on_progress: OnProgress, on_row: OnRow) -> None:
     """Until the bridge has finished. Raises GraphError when any process dies."""
-    progress, rows = _Tail(out / 'progress.jsonl'), _Tail(out / 'rows.jsonl')
+    progress, rows = Tail(out / 'progress.jsonl'), Tail(out / 'rows.jsonl')
     running = True
     while running:
         running = not graph.ended('bridge')
@@ -127,7 +128,7 @@ def _wait(graph: Graph, out: Path, count: int, on_progress: OnProgress, on_row: 
     on_progress(100.0, '')
 
 
-class _Tail:
+class Tail:
     """JSON lines that another process appends."""
 
     def __init__(self, path: Path) -> None:

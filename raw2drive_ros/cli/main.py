@@ -32,6 +32,7 @@ VERBS = {
     'scenario': ('scenario', 'list the scenario types, or show one as a picture or a video'),
     'suite': ('suite', 'list the evaluation suites, or draw one anew'),
     'faults': ('faults', 'list plans of faults, or put the fault injector into a running graph'),
+    'soak': ('soak', 'run the whole graph for hours: do memory, handles and logs stay flat?'),
     'bag': ('bag', 'inspect bags'),
     'doctor': ('doctor', 'check the installation, the transport and the latency budget'),
 }

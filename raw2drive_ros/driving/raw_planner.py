@@ -33,7 +33,9 @@ class RawPlanner:
         self.driver = RawDriver(bundle, threads)
         self.cameras = tuple(camera.name for camera in bundle.rig)
         self.monitor = SensorMonitor(self.cameras, limits)
-        self.latency_ms: deque[float] = deque(maxlen=100_000)
+        # Of the last 17 minutes: its quantiles are published every second, beside driving.
+        self.latency_ms: deque[float] = deque(maxlen=10_000)
+        self.decisions = 0
         self._warm_up()
         self.start(0)
 
@@ -116,6 +118,7 @@ class RawPlanner:
         self.failure = ''
         self.answered = decision
         self.latency_ms.append(decision.inference_ms)
+        self.decisions += 1
         return decision
 
     def _check_cameras(self) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,7 @@ class BridgeNode(Node):
                 'result_file': ('', 'write results as JSON here when all episodes are driven'),
                 'rows_file': ('', 'append a JSON line per finished episode here'),
                 'progress_file': ('', 'append one JSON line per second of simulated time here'),
+                'loop': (False, 'begin the list of episodes again when it is driven'),
                 'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
             },
             live={'scenario': get_scenario, 'seed': _whole_number, 'weather': get_weather},
@@ -72,7 +74,7 @@ class BridgeNode(Node):
             raise NodeError('image_height and image_width must be positive')
         self.compressed = wants_compressed(p['image_transport'])
         self.queue = _parse_episodes(p['episodes'])
-        self.endless = not self.queue
+        self.endless = not self.queue or bool(p['loop'])
         get_scenario(p['scenario'])
         self.co_driver = _co_driver(p['co_driver'], p['co_driver_run'])
         cameras = self.co_driver is None or self.co_driver.needs_cameras
@@ -90,14 +92,18 @@ class BridgeNode(Node):
         if self.co_driver is not None:
             self.outputs[topics.PROPOSED] = make_publisher(self, topics.PROPOSED)
         self.create_service(Trigger, '~/reset', self._on_reset)
+        # Only a gate that was told that all this is a simulation has it.
+        self.gate_start_over = self.create_client(Trigger, '/safety_gate/start_over')
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.create_timer(1.0, self.diagnostics.publish)
         self.reset_to: RouteId | None = None
         self.proposed: Decision | None = None
         self.paused = False
-        self.tick_ms: list[float] = []
-        self.results: list[dict[str, Any]] = []
+        # Some hours: who drives on for ever may not remember for ever.
+        self.tick_ms: deque[float] = deque(maxlen=100_000)
+        self.recent_ms: deque[float] = deque(maxlen=50)
+        self.results: deque[dict[str, Any]] = deque(maxlen=1 if self.endless else None)
         self.episode = ''
         self.tick_started = 0.0
 
@@ -113,8 +119,10 @@ class BridgeNode(Node):
         seed = int(self.p['seed'])
         index = 0
         while self.endless or index < len(self.queue):
-            endless = RouteId(self.p['scenario'], seed + index, self.p['weather'])
-            route = endless if self.endless else self.queue[index]
+            if self.queue:
+                route = self.queue[index % len(self.queue)]
+            else:
+                route = RouteId(self.p['scenario'], seed + index, self.p['weather'])
             if self.reset_to is not None:
                 route, self.reset_to = self.reset_to, None
             self._drive(route, index)
@@ -130,6 +138,7 @@ class BridgeNode(Node):
         if self.co_driver is not None:
             self.co_driver.reset(driver_seed(route))
         self._publish_route(tick)
+        self._start_gate_over()
         ticks = 0
         self.commands.begin()
         limit = int(self.p['max_ticks'])
@@ -150,7 +159,8 @@ class BridgeNode(Node):
                 return
             tick, *_ = self.env.step(control)
             ticks += 1
-            self.tick_ms.append((time.perf_counter() - self.tick_started) * 1e3)
+            self.recent_ms.append((time.perf_counter() - self.tick_started) * 1e3)
+            self.tick_ms.append(self.recent_ms[-1])
             if ticks % 10 == 0:
                 self._progress(index, ticks)
                 self._publish_route(tick, wait=False)
@@ -160,6 +170,15 @@ class BridgeNode(Node):
             with Path(self.p['rows_file']).open('a') as file:
                 file.write(json.dumps(self.results[-1]) + '\n')
         self._progress(index, ticks, done=True)
+
+    def _start_gate_over(self) -> None:
+        if not self.gate_start_over.service_is_ready():
+            return
+        answer = self.gate_start_over.call_async(Trigger.Request())
+        self.executor_.spin_until_future_complete(answer, timeout_sec=self.timing.lock_step_timeout_s)
+        if not answer.done():
+            self.gate_start_over.remove_pending_request(answer)
+            self.get_logger().warning('the safety gate has not answered ~/start_over; a stop of its may go on')
 
     def _publish_again(self, tick: Tick) -> None:
         self._publish_route(tick)
@@ -284,7 +303,7 @@ class BridgeNode(Node):
             'episode': self.episode,
             'ticks': ticks,
             'completion': self.env.criteria.route_completion(self.env.world),
-            'ticks_per_s': timing_of(self.tick_ms[-50:])['ticks_per_s'],
+            'ticks_per_s': timing_of(list(self.recent_ms))['ticks_per_s'],
             'done': done,
         }
         with Path(self.p['progress_file']).open('a') as file:
@@ -293,11 +312,11 @@ class BridgeNode(Node):
     def _write_results(self) -> None:
         if not self.p['result_file']:
             return
-        timing = timing_of(self.tick_ms, self.losses.total)
+        timing = timing_of(list(self.tick_ms), self.losses.total)
         timing['commands_missed'] = self.commands.policy.missed
         target = Path(self.p['result_file'])
         partial = target.with_suffix('.partial')
-        partial.write_text(json.dumps({'routes': self.results, 'timing': timing}))
+        partial.write_text(json.dumps({'routes': list(self.results), 'timing': timing}))
         partial.replace(target)
 
 

@@ -178,7 +178,7 @@ class PlannerNode(LifecycleNode):
         p50, p99 = np.percentile(latency_ms, [50, 99]) if latency_ms else (None, None)
         return {
             'planner_ms': {'p50': p50, 'p99': p99},
-            'decisions': len(latency_ms),
+            'decisions': self.planner.decisions if self.planner is not None else 0,
             'messages_lost': self.losses.total,
             'inputs_refused': self.inputs.refused if self.inputs is not None else 0,
         }

@@ -87,7 +87,8 @@ class RecorderNode(Node):
                 # Nodes without simulated time stamp theirs by the wall; the bag has one time line.
                 stamp_ns = self.clock_ns
             if self.ring is not None:
-                self.ring.add(topic, stamp_ns, data)
+                # By simulated time where there is one: in lock-step, seconds of the wall say little.
+                self.ring.add(topic, stamp_ns, data, self.clock_ns or time.monotonic_ns())
                 if topic == topics.DIAGNOSTICS:
                     self._watch_gate(data)
                 return

@@ -33,6 +33,7 @@ class SafetyGateNode(Node):
             self,
             {
                 'clock': ('steady', 'what silence is measured by: steady or ros'),
+                'simulated': (False, 'offer ~/start_over to a simulation that puts the car elsewhere'),
                 'config': ('', "limits and stops of this vehicle (default: params/gate.yaml, the simulated car's)"),
             },
         )
@@ -41,7 +42,8 @@ class SafetyGateNode(Node):
         self.steady = p['clock'] == 'steady'
         timing = load_timing()
         config = load_gate_config(Path(p['config']) if p['config'] else None)
-        self.gate = Gate(config.gate_limits(timing), config.motion_limits(), self.steady)
+        self.make_gate = lambda: Gate(config.gate_limits(timing), config.motion_limits(), self.steady)
+        self.gate = self.make_gate()
         self.factory = RclpyFactory()
         self.losses = LossCounter()
         self.output = make_publisher(self, topics.COMMAND)
@@ -50,6 +52,8 @@ class SafetyGateNode(Node):
         make_subscription(self, topics.PROPOSED, self._on_proposal, self.losses)
         make_subscription(self, topics.ODOMETRY, self._on_odometry, self.losses)
         self.create_service(Trigger, '~/activate', self._on_activate)
+        if p['simulated']:
+            self.create_service(Trigger, '~/start_over', self._on_start_over)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         steady = steady_clock()
         self.create_timer(1.0, self.diagnostics.publish, clock=steady)
@@ -71,7 +75,7 @@ class SafetyGateNode(Node):
 
     def _on_timer(self) -> None:
         now = self._now()
-        self.gate.crowd(self.count_publishers(topics.PROPOSED), self.count_publishers(topics.COMMAND), now)
+        self._look_around(now)
         # While driving, proposals themselves set the pace; the timer only looks for silence.
         control = self.gate.tick(now)
         if self.gate.state is GateState.WAITING and not self.steady:
@@ -93,6 +97,19 @@ class SafetyGateNode(Node):
         refusal = self.gate.activate()
         response.success, response.message = not refusal, refusal or self.gate.state.value
         return response
+
+    def _on_start_over(self, request: Any, response: Any) -> Any:
+        """Another car at another place: no stop of the one before holds it, and no speed of that one matters."""
+        if self.gate.state in STOPS:
+            self.get_logger().info('started over: the stop of the last drive ends with it')
+        counts, self.gate = self.gate.counts, self.make_gate()
+        self.gate.counts = counts
+        self._look_around(self._now())
+        response.success, response.message = True, self.gate.state.value
+        return response
+
+    def _look_around(self, now: Moment) -> None:
+        self.gate.crowd(self.count_publishers(topics.PROPOSED), self.count_publishers(topics.COMMAND), now)
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
         level = {GateState.DRIVING: OK, GateState.WAITING: WARN}.get(self.gate.state, ERROR)

@@ -90,25 +90,29 @@ class Recording:
 
 @dataclass(slots=True)
 class RingBuffer:
-    """The last `seconds` of everything, at most `limit_bytes`; what is said once is kept however old it is."""
+    """The last `seconds` of everything, at most `limit_bytes`; what is said once is kept however old it is.
+
+    Age is measured by the time of arrival: a wrong stamp may neither keep what is old nor drop the rest.
+    """
 
     seconds: float
     limit_bytes: int = 2_000_000_000
-    held: deque[tuple[int, str, bytes]] = field(default_factory=deque)
+    held: deque[tuple[int, int, str, bytes]] = field(default_factory=deque)
     size: int = 0
     dropped: int = 0
     _latched: dict[str, bytes] = field(default_factory=dict)
 
-    def add(self, topic: str, stamp_ns: int, data: bytes) -> None:
+    def add(self, topic: str, stamp_ns: int, data: bytes, now_ns: int) -> None:
+        """now_ns: when it arrived; a clock that jumps by more than `seconds`, either way, leaves what was before."""
         if topics.BY_NAME[topic].latched:
             self._latched[topic] = data
             return
-        self.held.append((stamp_ns, topic, data))
+        self.held.append((now_ns, stamp_ns, topic, data))
         self.size += len(data)
-        while self.held and (stamp_ns - self.held[0][0]) * 1e-9 > self.seconds:
-            self.size -= len(self.held.popleft()[2])
+        while abs(now_ns - self.held[0][0]) * 1e-9 > self.seconds:
+            self.size -= len(self.held.popleft()[3])
         while self.size > self.limit_bytes:
-            self.size -= len(self.held.popleft()[2])
+            self.size -= len(self.held.popleft()[3])
             self.dropped += 1
 
     def save(self, path: Path, provenance: dict[str, str]) -> int:
@@ -117,7 +121,7 @@ class RingBuffer:
             return 0
         with BagWriter(path, provenance) as bag:
             for topic, data in self._latched.items():
-                bag.write_raw(topic, self.held[0][0], data)
-            for stamp_ns, topic, data in self.held:
+                bag.write_raw(topic, self.held[0][1], data)
+            for _, stamp_ns, topic, data in self.held:
                 bag.write_raw(topic, stamp_ns, data)
             return sum(bag.counts.values())

@@ -120,6 +120,20 @@ def test_a_fault_between_the_real_nodes_stops_the_car_and_is_logged(bundle, tmp_
     assert 'driving' not in logs['safety_gate'].split('_stop: ')[1], 'a stop is latched'
 
 
+def test_a_gate_that_stopped_in_one_episode_drives_in_the_next(tmp_path) -> None:
+    # The next episode is another car at another place; nobody would want it to stand because of the one before.
+    plans = tmp_path / 'plans.yaml'
+    plans.write_text('plans: {once: [{topic: /control/proposed, kind: nan, start_s: 2, duration_s: 1}]}')
+    job = GraphJob(
+        tmp_path, ROUTES, co_driver='rule', real_time=True, max_ticks=60, record=False, faults=(str(plans), 'once')
+    )
+    with reserve_domain(None) as domain:
+        stopped, driven = drive_graph(job, domain)[0]
+    log = (tmp_path / 'logs' / 'safety_gate.log').read_text()
+    assert log.index('emergency_stop: invalid proposal') < log.index('started over: ')
+    assert stopped['route_completion'] < 5.0 < 20.0 < driven['route_completion']
+
+
 def test_two_graphs_cannot_share_a_domain() -> None:
     with reserve_domain(91), pytest.raises(DomainBusyError, match='choose another with --domain'), reserve_domain(91):
         pass

@@ -214,18 +214,32 @@ def test_a_ring_buffer_keeps_the_last_seconds_and_what_is_said_once(bag, tmp_pat
     ring = RingBuffer(2.0)
     assert ring.save(tmp_path / 'none', {}) == 0
     everything = messages_of(bag)
-    for message in everything:
-        ring.add(*message)
+    for topic, stamp, data in everything:
+        ring.add(topic, stamp, data, stamp)
     ring.save(tmp_path / 'snapshot', {'snapshot': 'test'})
     info = bag_info(tmp_path / 'snapshot')
     assert 1.9 <= info['duration_s'] <= 2.0
     assert topics.extrinsics_topic('front') in {row['topic'] for row in info['topics']}
-    assert ring.size == sum(len(data) for _, _, data in ring.held)
+    assert ring.size == sum(len(held[3]) for held in ring.held)
     small = RingBuffer(100.0, limit_bytes=100_000)
-    for message in everything:
-        small.add(*message)
+    for topic, stamp, data in everything:
+        small.add(topic, stamp, data, stamp)
     assert small.size <= 100_000
     assert small.dropped > 0
+
+
+def test_a_ring_buffer_forgets_by_arrival_whatever_the_stamps_say() -> None:
+    ring = RingBuffer(2.0)
+    # Before the first /clock, diagnostics carry the wall's time: they must not stay, and must not drop the others.
+    for stamp_s in (1.8e9, 0.0, 1.0, -5.0):
+        ring.add(topics.DIAGNOSTICS, round(stamp_s * 1e9), b'wild', 10_000_000_000)
+    for tick in range(100):
+        ring.add(topics.IMU, tick, b'x' * 100, 10_000_000_000 + tick * 100_000_000)
+    assert [held[1] for held in ring.held] == list(range(79, 100))
+    assert ring.size == 2100
+    # A simulation that starts over.
+    ring.add(topics.IMU, 5, b'y', 5)
+    assert [held[1] for held in ring.held] == [5]
 
 
 def test_the_doctor_finds_nothing_wrong_with_a_good_bag(bag, capsys) -> None:

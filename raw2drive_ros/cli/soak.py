@@ -1,0 +1,176 @@
+"""raw2drive soak: the whole graph in lock-step for hours; what it holds of the machine has to stay flat."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from raw2drive_ros.cli.graph import Graph
+    from raw2drive_ros.evaluation.soak import Sample
+
+EXAMPLES = """examples:
+  raw2drive soak --hours 24 --out runs/soak          24 simulated hours, some six hours on two cores
+  raw2drive soak --hours 24 --out runs/soak          again after Ctrl-C or a restart: the hours that are missing
+  raw2drive soak --hours 0 --out runs/soak           only the verdict on what was measured already
+
+Bridge (all routes of a suite, again and again), planner, gate, and a recorder that keeps the last seconds in memory.
+Memory (without what is shared), handles, threads and shared-memory segments of every process and the size of the log
+folder are sampled; from an hour (simulated) after the graph's start on, memory and logs may grow by a MiB per hour, and
+the rest not at all. Exit code 1 when one does, or when a process ends."""
+
+ROOM_S = 10.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--hours', type=float, default=24.0, help='simulated hours in all (24)')
+    parser.add_argument('--out', type=Path, default=Path('runs/soak'), help='folder of samples, logs and picture')
+    parser.add_argument('--suite', default='b2d220', help='routes that are driven')
+    parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
+    parser.add_argument('--every', type=float, default=20.0, help='seconds (wall) between samples')
+    parser.add_argument('--warm-up', type=float, default=1.0, help='simulated hours that are not judged')
+    parser.add_argument('--domain', type=int, help='ROS domain (default: the first free one from 50 on)')
+    parser.add_argument('--json', action='store_true', help='print the verdict as JSON')
+
+
+def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.evaluation.soak import drop_half_line, read_samples, totals
+
+    if options.hours < 0 or options.every <= 0 or options.warm_up < 0:
+        raise UsageError('--hours and --warm-up must not be negative, --every must be positive')
+    options.out.mkdir(parents=True, exist_ok=True)
+    file = options.out / 'samples.jsonl'
+    drop_half_line(file)
+    before = read_samples(file)
+    missing_h = options.hours - totals(before)['simulated_h']
+    try:
+        if missing_h > 0:
+            _soak(options, file, 1 + max((s.part for s in before), default=0), missing_h)
+    finally:
+        code = _report(options, read_samples(file))
+    return code
+
+
+def _soak(options: argparse.Namespace, file: Path, part: int, hours: float) -> None:
+    """One part: start the graph and sample it. Raises GraphError when a process ends."""
+    from raw2drive_ros.cli.graph import reserve_domain, running_graph
+    from raw2drive_ros.cli.progress import bar
+
+    folder = options.out / f'part_{part:02d}'
+    with (
+        reserve_domain(options.domain) as domain,
+        running_graph(folder / 'logs', domain) as graph,
+        bar('soaking', round(hours * 3600.0), 'simulated seconds') as advance,
+    ):
+        _start(graph, folder, options)
+        _sample(graph, folder, options.every, part, hours * 3600.0, file, advance)
+
+
+def _start(graph: Graph, folder: Path, options: argparse.Namespace) -> None:
+    from raw2drive_ros.driving.bundle import load_bundle
+    from raw2drive_ros.evaluation.suites import load_suite
+    from raw2drive_ros.paths import default_bundle
+
+    bundle = (options.bundle or default_bundle()).resolve()
+    rig = load_bundle(bundle).rig
+    graph.start('recorder', {'bag': str(folder / 'snapshots'), 'snapshot_s': ROOM_S})
+    graph.start('safety_gate', {'clock': 'ros', 'simulated': True})
+    graph.start('planner', {'bundle': str(bundle)})
+    bridge = {
+        'episodes': ','.join(map(str, load_suite(options.suite).routes)),
+        'loop': True,
+        'image_height': rig[0].height,
+        'image_width': rig[0].width,
+        'wait_for_image_subscribers': 2,
+        'rows_file': str(folder / 'rows.jsonl'),
+        'progress_file': str(folder / 'progress.jsonl'),
+    }
+    graph.start('bridge', bridge, sim_time=False)
+
+
+def _sample(
+    graph: Graph,
+    folder: Path,
+    every_s: float,
+    part: int,
+    wanted_s: float,
+    file: Path,
+    advance: Callable[..., Any],
+) -> None:
+    import time
+
+    from raw2drive_ros.cli.graph_drive import Tail
+    from raw2drive_ros.cli.process_samples import folder_mib, process_values
+    from raw2drive_ros.evaluation.soak import Sample, append_sample
+
+    progress, started = Tail(folder / 'progress.jsonl'), time.monotonic()
+    driven, due, episodes, simulated_s, rate = 0, started, 0, 0.0, 0.0
+    while simulated_s < wanted_s:
+        time.sleep(0.5)
+        graph.check()
+        for state in progress.new():
+            rate = state['ticks_per_s']
+            if state['done']:
+                episodes, driven = episodes + 1, driven + state['ticks']
+                simulated_s = driven / 10.0
+            else:
+                simulated_s = (driven + state['ticks']) / 10.0
+        if time.monotonic() >= due or simulated_s >= wanted_s:
+            due = time.monotonic() + every_s
+            values = {'graph/logs_mib': folder_mib(folder / 'logs')}
+            for name, process in graph.processes.items():
+                values |= process_values(name, process.pid)
+            append_sample(file, Sample(part, simulated_s, time.monotonic() - started, episodes, values))
+            advance(min(simulated_s, wanted_s), f'{episodes} episodes, {rate} ticks/s')
+
+
+def _report(options: argparse.Namespace, samples: list[Sample]) -> int:
+    import json
+
+    from raw2drive_ros.evaluation.soak import to_json, totals, trends
+    from raw2drive_ros.report.soak_plot import save_soak
+
+    found = trends(samples, options.warm_up)
+    summed = totals(samples)
+    grown = [trend for trend in found if not trend.steady]
+    if samples:
+        save_soak(options.out / 'soak.png', samples)
+    if options.json:
+        print(json.dumps(summed | {'steady': not grown, 'trends': [to_json(trend) for trend in found]}))
+        return 1 if grown else 0
+    _print(found)
+    print(
+        f'{summed["simulated_h"]:.2f} simulated hours in {summed["wall_h"]:.2f} h, {summed["episodes"]} episodes, '
+        f'{summed["parts"]} starts; picture: {options.out / "soak.png"}'
+    )
+    if not found:
+        print(f'no verdict: no start lasted twice the warm-up of {options.warm_up:g} h')
+    for trend in grown:
+        print(f'GROWS: {trend.name} in part {trend.part}: {trend.per_hour:+.2f} per hour, allowed {trend.allowed:g}')
+    return 1 if grown else 0
+
+
+def _print(found: list[Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    if not found:
+        return
+    table = Table(title='after warm-up, by simulated hour')
+    for column in ('part', 'what', 'first quarter', 'last quarter', 'highest', 'growth / h', 'allowed', ''):
+        table.add_column(column, justify='left' if column in ('what', '') else 'right')
+    for t in found:
+        row = (t.first, t.last, t.highest)
+        table.add_row(
+            str(t.part),
+            t.name,
+            *(f'{value:.4g}' for value in row),
+            f'{t.per_hour:+.3f}',
+            f'{t.allowed:g}',
+            'steady' if t.steady else 'GROWS',
+        )
+    Console().print(table)
