@@ -137,6 +137,7 @@ def test_a_proposal_of_just_that_age_passes() -> None:
     gate = driving_gate()
     other = Control(0.1)
     assert gate.propose(proposal(0.0, other), at(0.3)) == other
+    assert gate.propose(proposal(0.7, WANTED), at(0.4)) == WANTED, 'or just as early'
 
 
 def test_proposals_out_of_order_are_not_driven_by() -> None:
@@ -145,6 +146,9 @@ def test_proposals_out_of_order_are_not_driven_by() -> None:
     assert gate.propose(proposal(0.1, Control(1.0)), at(0.25)) == WANTED
     assert gate.counts == {'out_of_order': 1}
     assert gate.propose(proposal(0.2, Control(1.0)), at(0.25)) == Control(1.0), 'the same tick once more is an answer'
+    gate.propose(proposal(0.1), at(0.4))
+    gate.tick(at(0.56))
+    assert gate.reason == 'no valid proposal for 310 ms (the last one is older than the one before)'
 
 
 def test_in_lock_step_a_proposal_may_overtake_its_clock() -> None:
@@ -264,6 +268,10 @@ def test_a_stop_without_odometry_goes_by_time_alone() -> None:
     for i in range(4, 60):
         gate.propose(proposal(0.1 * i), at(0.1 * i))
     assert gate.state is GateState.COMFORTABLE_STOP
+    # Heard for the first time: nobody knows how fast it was, so that it has to stand by now.
+    gate.observe(0.4, at(6.0))
+    gate.tick(at(6.0))
+    assert gate.reason == 'the car does not slow down'
 
 
 def test_a_wheel_that_swings_to_and_fro_stops() -> None:
@@ -351,6 +359,22 @@ def test_limits_are_counted_and_their_result_is_what_is_held() -> None:
     assert answer == Control(0.4, 0.0, 0.2)
     assert gate.tick(at(0.2)) == answer
     assert gate.counts == {'limited_acceleration': 2}
+
+
+def test_the_first_command_counts_from_the_brake_that_was_held() -> None:
+    gate = Gate(motion=MotionLimits(max_jerk_mps3=10.0, max_steer_rate_1ps=1.0))
+    answer = gate.propose(proposal(0.0, Control(1.0, 0.0, 1.0)), at(0.0))
+    assert answer.throttle == 0.0
+    # Two pedals' rates and one wheel's for a millisecond.
+    assert answer.brake == pytest.approx(gate.limits.hold_brake - 0.01 / 8.0)
+    assert answer.steer == pytest.approx(0.001)
+
+
+def test_limits_know_the_speed() -> None:
+    gate = driving_gate(motion=MotionLimits(max_speed_mps=10.0))
+    gate.observe(10.1, at(0.1))
+    assert gate.propose(proposal(0.1), at(0.1)) == Control(0.0, 0.0, WANTED.steer)
+    assert gate.counts == {'limited_speed': 1}
 
 
 def test_rates_are_measured_over_the_time_between_commands() -> None:

@@ -1,6 +1,7 @@
 """Limits of the gate one by one: what changes a command, by how much, and what leaves it alone."""
 
 import math
+from collections import deque
 
 import pytest
 from hypothesis import given
@@ -39,6 +40,7 @@ def test_no_limits_change_nothing(speed, reverse) -> None:
         (Control(0.0, 0.0, 0.9), {'max_steer_rate_1ps': 2.0}, Control(0.0, 0.0, 0.2), 'steer_rate'),
         (Control(0.0, 0.0, -0.9), {'max_steer_rate_1ps': 2.0}, Control(0.0, 0.0, -0.2), 'steer_rate'),
         (Control(1.0), {'max_speed_mps': 4.9}, STILL, 'speed'),
+        (Control(0.1), {'max_speed_mps': 4.9}, STILL, 'speed'),
         (Control(1.0, 0.0, 0.0, True), {'max_gear_speed_mps': 1.0}, Control(reverse=True), 'gear'),
     ],
 )
@@ -139,6 +141,14 @@ def test_swings_count_both_ways_and_age() -> None:
     swings.reset()
     assert [swings.see(s, 0.1 * i) for i, s in enumerate((0.5, -0.5, 0.5, 0.0, -0.5))] == [False] * 4 + [True]
     assert not swings.see(-0.5, 2.0)
+    swings.reset()
+    assert not any(swings.see(s, 3.0) for s in (0.0, -0.9, 0.0)), 'a wheel in the middle is no swing'
+    assert swings.times == deque()
+
+
+def test_swings_of_just_that_age_count() -> None:
+    swings = Oscillation(swing=1.0, turns=2, window_s=1.0)
+    assert [swings.see(s, t) for s, t in ((0.5, 0.0), (-0.5, 1.0), (0.5, 2.0))] == [False, False, True]
 
 
 def test_steps_the_same_way_are_no_swings() -> None:
@@ -156,3 +166,4 @@ def test_full_lock_is_timed_from_its_beginning() -> None:
     assert not lock.see(1.0, 2.3)
     lock.reset()
     assert not lock.see(1.0, 9.0)
+    assert lock.see(lock.full, 11.1)
