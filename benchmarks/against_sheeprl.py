@@ -9,15 +9,17 @@ layers in actor and critic, 1 in the reward and continue heads, a slow critic, c
 threads, and what is timed: from a batch in memory to the updated weights, without sampling from a replay buffer.
 
 Not equal, because that is how the two are built:
-- Observations. Ours: 3 binary masks with a cross-entropy; patches of 8x8 as channels, 1x1 and 3x3 convolutions on an
-  8x8 grid, no norms. sheeprl: images with a squared error; four 4x4 convolutions of stride 2 with norms, widths 16 to
-  128. The encoder's width of 96 makes the convolutions cost about as many operations; the decoder's first layer has
-  1024 outputs here and 2048 there.
+- Observations. Ours: 3 binary masks with a cross-entropy; patches of 8x8 as channels, 1x1 and depthwise 3x3
+  convolutions on an 8x8 grid, no norms, as in the presets for two cores. sheeprl: images with a squared error; four 4x4
+  convolutions of stride 2 with norms, widths 16 to 128. With --full-convolutions, each of ours looks at all 96
+  features, which costs about as many operations as sheeprl's; the decoder's first layer has 1024 outputs here and
+  2048 there.
 - Recurrence. Ours: inputs embedded one by one, a GRU of 8 blocks, weight gradients computed once after the sequence.
   sheeprl: one embedding and a dense GRU with a learned first state. Its prior has one hidden layer, ours two.
 - Behaviour. Ours: one loss, backward pass and optimiser for actor and critic; both act without recording gradients.
   sheeprl: one of each for either; its actor, reward and continue head also see one state more per rollout (16).
-- Details. Ours: RMS norms, inverse-CDF sampling from uniforms. sheeprl: layer norms, torch.distributions.
+- Details. Ours: RMS norms, inverse-CDF sampling from uniforms, imagined samples as indices (sums of rows in place of
+  products with one-hot vectors). sheeprl: layer norms, torch.distributions.
 - Metrics. Ours are computed in every step; sheeprl's are switched off, which is in its favour. torch.compile, an
   option of sheeprl's, is off as by default.
 The tables of parameters and operations are for judging how much of a ratio is less work and how much is faster work.
@@ -59,7 +61,7 @@ give --sheeprl-python sheeprl_venv/bin/python"""
 SMALLEST_IMAGE, LAST_WIDTH = 4, 8
 
 
-def our_config() -> RunConfig:
+def our_config(*, full_convolutions: bool = False) -> RunConfig:
     """The sizes of both; sheeprl's are derived from these."""
     model = {
         'mask_classes': {'road': ['road'], 'route': ['route'], 'vehicle': ['vehicle@now']},
@@ -67,6 +69,7 @@ def our_config() -> RunConfig:
         'stoch': 32,
         'classes': 32,
         'encoder_width': 96,
+        'depthwise': not full_convolutions,
     }
     train = {'batch': 16, 'length': 32, 'starts': 512, 'horizon': 15}
     return RunConfig.model_validate({'preset': 'against_sheeprl', 'model': model, 'train': train})
@@ -157,9 +160,9 @@ def summary(samples: list[dict[str, float]]) -> dict[str, float]:
     return found | {'rss_mb': max(sample['rss_mb'] for sample in samples)}
 
 
-def measure(python: str, threads: int, rounds: int) -> dict[str, Any]:
+def measure(python: str, threads: int, rounds: int, *, full_convolutions: bool = False) -> dict[str, Any]:
     torch.set_num_threads(threads)
-    config = our_config()
+    config = our_config(full_convolutions=full_convolutions)
     trainer = PrivilegedTrainer(config)
     batch = random_batch(trainer)
     ours: dict[str, Any] = {'parameters': our_parameters(trainer), 'gflop': gflop(lambda: trainer.step(batch))}
@@ -177,7 +180,7 @@ def measure(python: str, threads: int, rounds: int) -> dict[str, Any]:
     theirs |= summary(their_samples[1:])
     ratios = {name: theirs[name] / ours[name] for name in ours if name != 'parameters'}
     versions = theirs.pop('versions') | {'our torch': str(torch.__version__)}
-    shared = {'threads': threads, 'rounds': rounds, 'versions': versions}
+    shared = {'full_convolutions': full_convolutions, 'threads': threads, 'rounds': rounds, 'versions': versions}
     return shared | {'ours': ours, 'sheeprl': theirs, 'ratio': ratios}
 
 
@@ -209,12 +212,14 @@ def main() -> None:
     parser.add_argument('--sheeprl-python', required=True, metavar='PATH', help='python of an environment with sheeprl')
     parser.add_argument('--threads', type=int, default=2, help='of torch, in either process')
     parser.add_argument('--rounds', type=int, default=5, help='measured steps of each, after one to warm up')
+    parser.add_argument('--full-convolutions', action='store_true', help='as many operations in 3x3 layers as sheeprl')
     parser.add_argument('--json', action='store_true', help='print JSON instead of tables')
     options = parser.parse_args()
     if options.threads < 1 or options.rounds < 1:
         parser.error('--threads and --rounds must be at least 1')
     require_sheeprl(options.sheeprl_python)
-    result = measure(options.sheeprl_python, options.threads, options.rounds)
+    convolutions = options.full_convolutions
+    result = measure(options.sheeprl_python, options.threads, options.rounds, full_convolutions=convolutions)
     if options.json:
         json.dump(result, sys.stdout, indent=2)
         print()

@@ -44,6 +44,8 @@ class RawDriver:
         self.bundle = bundle
         self.cameras = [camera.name for camera in bundle.rig]
         torch.set_num_threads(threads)
+        with torch.inference_mode():
+            self.maps = bundle.model.rssm.plain_maps()
         self.reset()
 
     def reset(self) -> None:
@@ -87,7 +89,7 @@ class RawDriver:
         rssm = model.rssm
         grid, features = model.encode(images, vector)
         hidden = rssm.post_embed(model.embed(grid, features))
-        deter = rssm.step_deter(self.state, self.action)
+        deter = rssm.step_deter(self.state, self.action, self.maps)
         post = rssm.posterior(deter, hidden)
         stoch = torch.nn.functional.one_hot(post.argmax(-1), post.shape[-1]).float().flatten(-2)
         self.state = State(deter, stoch)

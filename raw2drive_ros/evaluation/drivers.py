@@ -108,6 +108,8 @@ class PrivilegedEpisodes:
         trainer = load_teacher(run)
         self.model, self.actor = trainer.model.eval(), trainer.policy.actor.eval()
         self.codec = MaskCodec(trainer.config.model)
+        with torch.inference_mode():
+            self.maps = self.model.rssm.plain_maps()
         self.noise = noise
 
     def reset(self, seed: int) -> None:
@@ -124,7 +126,7 @@ class PrivilegedEpisodes:
         masks = torch.from_numpy(deep).float()
         grid, vector = self.model.encode(masks, torch.from_numpy(tick.privileged.ego)[None])
         rssm = self.model.rssm
-        deter = rssm.step_deter(self.state, self.action)
+        deter = rssm.step_deter(self.state, self.action, self.maps)
         post = rssm.posterior(deter, rssm.post_embed(self.model.embed(grid, vector)))
         stoch = torch.nn.functional.one_hot(post.argmax(-1), post.shape[-1]).float().flatten(-2)
         self.state = State(deter, stoch)

@@ -42,7 +42,7 @@ def observe_pair(
     raw_state, privileged_state = raw.initial(batch), privileged.initial(batch)
     raw_hidden = raw.post_embed(raw_embed)
     with torch.no_grad():
-        privileged_hidden = privileged.post_embed(privileged_embed)
+        privileged_hidden, privileged_maps = privileged.post_embed(privileged_embed), privileged.plain_maps()
     keep = (~is_first).to(actions.dtype).unsqueeze(-1)
     acted, maps = raw.input_action(actions * keep), raw.maps()
     found: dict[str, list[Tensor]] = {name: [] for name in ('rd', 'rs', 'rp', 'pd', 'ps', 'pp')}
@@ -54,7 +54,7 @@ def observe_pair(
         raw_post = raw.posterior(raw_deter, raw_hidden[:, t], maps)
         with torch.no_grad():
             old = State(privileged_state.deter * mask, privileged_state.stoch * mask)
-            privileged_deter = privileged.step_deter(old, action)
+            privileged_deter = privileged.step_deter(old, action, privileged_maps)
             privileged_post = privileged.posterior(privileged_deter, privileged_hidden[:, t])
         if source == 'raw':
             raw_stoch = raw.sample(raw_post, uniform[:, t])

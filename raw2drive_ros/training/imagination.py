@@ -10,6 +10,7 @@ Time line of a rollout of H steps, all (H + 1, N, ...) or (H, N, ...):
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.world_model.actor_critic import Actor, Policy, lambda_returns
 from raw2drive_ros.world_model.distributions import sample_one_hot
 from raw2drive_ros.world_model.heads import ContinueHead, TwoHotHead
+from raw2drive_ros.world_model.hot import HotFeature, stack
 from raw2drive_ros.world_model.rssm import Rssm, State
 
 
@@ -30,8 +32,8 @@ class Rollout:
     """features: (H+1, N, F) of the stream that acts. teacher: the same of the privileged stream, or None.
     actions: (H, N, A) one-hot. rewards, conts: (H, N)."""
 
-    features: Tensor
-    teacher: Tensor | None
+    features: Tensor | HotFeature
+    teacher: Tensor | HotFeature | None
     actions: Tensor
     rewards: Tensor
     conts: Tensor
@@ -66,30 +68,28 @@ def imagine(
     actions and the same stochastic sample (paper, "Head Guidance"), and `reward` and `cont` read the
     privileged features; without a guide, or with `own_heads`, they read the actor's own.
     """
-    state = start
-    teacher = None if guide is None else State(guide[1], start.stoch)
+    state, maps = rssm.sparse(start), rssm.plain_maps()
+    teacher = guide_maps = None
     features, teachers, actions = [state.feature], [], []
-    if teacher is not None:
+    if guide is not None:
+        teacher, guide_maps = dataclasses.replace(state, deter=guide[1]), guide[0].plain_maps()
         teachers.append(teacher.feature)
     groups = rssm.config.stoch
     for _ in range(horizon):
         uniform = noise(len(state.deter), groups + 1)
         action = sample_one_hot(actor(state.feature), uniform[:, -1])
-        deter = rssm.step_deter(state, action)
-        stoch = rssm.sample(rssm.prior(deter), uniform[:, :-1])
+        state = rssm.imagine(rssm.step_deter(state, action, maps), uniform[:, :-1])
         if guide is not None and teacher is not None:
-            teacher_deter = guide[0].step_deter(teacher, action)
-            teacher_stoch = stoch
-            if not shared_sample:
-                other = noise(len(state.deter), groups)
-                teacher_stoch = guide[0].sample(guide[0].prior(teacher_deter), other)
-            teacher = State(teacher_deter, teacher_stoch)
+            teacher_deter = guide[0].step_deter(teacher, action, guide_maps)
+            if shared_sample:
+                teacher = dataclasses.replace(state, deter=teacher_deter)
+            else:
+                teacher = guide[0].imagine(teacher_deter, noise(len(state.deter), groups))
             teachers.append(teacher.feature)
-        state = State(deter, stoch)
         features.append(state.feature)
         actions.append(action)
-    stacked = torch.stack(features)
-    guided = torch.stack(teachers) if teachers else None
+    stacked = stack(features)
+    guided = stack(teachers) if teachers else None
     judged = stacked if guided is None or own_heads else guided
     return Rollout(stacked, guided, torch.stack(actions), reward(judged[1:]), cont(judged[1:]))
 

@@ -17,11 +17,11 @@ from torch.autograd.function import once_differentiable
 class DeferredLinear:
     """One weight during one loop: call it once per step, with inputs that depend on the step before.
 
-    weight: (I, O), or (blocks, I, O) for inputs (blocks, N, I). bias: (O,), or (blocks, 1, O). Make a new one for
-    every loop.
+    weight: (I, O), or (blocks, I, O) for inputs (blocks, N, I). bias: (O,), or (blocks, 1, O), or None. Make a new one
+    for every loop.
     """
 
-    def __init__(self, weight: Tensor, bias: Tensor) -> None:
+    def __init__(self, weight: Tensor, bias: Tensor | None) -> None:
         self.weight, self.bias = weight, bias
         self.inputs: list[Tensor] = []
         self.gradients: list[Tensor] = []
@@ -35,9 +35,11 @@ class DeferredLinear:
 
 class _Step(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor, loop: DeferredLinear, first: bool) -> Tensor:
+    def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor | None, loop: DeferredLinear, first: bool) -> Tensor:
         ctx.save_for_backward(x, weight)
         ctx.loop, ctx.first = loop, first
+        if bias is None:
+            return x @ weight
         if weight.dim() == 3:
             return torch.baddbmm(bias, x, weight)
         return torch.addmm(bias, x, weight)
@@ -57,5 +59,5 @@ class _Step(torch.autograd.Function):
         rows, gradients = torch.cat(loop.inputs, -2), torch.cat(loop.gradients, -2)
         loop.inputs.clear()
         loop.gradients.clear()
-        bias = gradients.sum(-2, keepdim=gradients.dim() == 3)
+        bias = gradients.sum(-2, keepdim=gradients.dim() == 3) if ctx.needs_input_grad[2] else None
         return back, rows.transpose(-1, -2) @ gradients, bias, None, None

@@ -27,6 +27,14 @@ def mixed_log_probs(logits: Tensor, unimix: float) -> Tensor:
     return torch.log(probs * (1.0 - unimix) + unimix / logits.shape[-1])
 
 
+def sample_classes(log_probs: Tensor, uniform: Tensor) -> Tensor:
+    """The classes (...) that `sample_one_hot` draws with the same uniforms."""
+    with torch.no_grad():
+        cumulative = torch.cumsum(log_probs.exp(), -1)
+        below = cumulative < uniform.unsqueeze(-1) * cumulative[..., -1:]
+        return below[..., :-1].sum(-1)
+
+
 def sample_one_hot(log_probs: Tensor, uniform: Tensor) -> Tensor:
     """(..., K) log-probabilities and (...) uniforms in [0, 1) -> (..., K) one-hot, without gradient."""
     with torch.no_grad():

@@ -7,6 +7,8 @@ import itertools
 import torch
 from torch import Tensor, nn
 
+from raw2drive_ros.world_model.hot import Hot, HotFeature
+
 
 class RmsNorm(nn.Module):
     """Root-mean-square norm over the last axis."""
@@ -31,9 +33,14 @@ def init_linear(layer: nn.Linear | nn.Conv2d, scale: float = 1.0) -> None:
 
 
 class Linear(nn.Linear):
+    """Also of one-hot vectors that are given by their indices."""
+
     def __init__(self, inputs: int, outputs: int, scale: float = 1.0) -> None:
         super().__init__(inputs, outputs)
         init_linear(self, scale)
+
+    def forward(self, x: Tensor | Hot | HotFeature) -> Tensor:
+        return super().forward(x) if isinstance(x, Tensor) else x.through(self.weight, self.bias)
 
 
 class Conv(nn.Conv2d):

@@ -13,7 +13,8 @@ from torch import Tensor, nn
 
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.deferred import DeferredLinear
-from raw2drive_ros.world_model.distributions import mixed_log_probs, sample_one_hot, straight_through
+from raw2drive_ros.world_model.distributions import mixed_log_probs, sample_classes, sample_one_hot, straight_through
+from raw2drive_ros.world_model.hot import Hot, HotFeature, worthwhile
 from raw2drive_ros.world_model.layers import BlockLinear, Dense, Linear, RmsNorm, ToCells
 
 
@@ -33,6 +34,19 @@ class State:
         return State(self.deter.detach(), self.stoch.detach())
 
 
+@dataclass(slots=True)
+class SparseState:
+    """A `State` whose sample needs no gradient, with its one-hot groups as indices."""
+
+    deter: Tensor
+    stoch: Hot
+
+    @property
+    def feature(self) -> HotFeature:
+        """What every head reads, too."""
+        return HotFeature(self.deter, self.stoch)
+
+
 Map = Callable[[Tensor], Tensor]
 
 
@@ -41,8 +55,9 @@ class Maps:
     """The linear maps of one step, as the modules themselves or with deferred weight gradients."""
 
     deter: Map
-    stoch: Map
-    core_hidden: Map
+    stoch: Callable[[Tensor | Hot], Tensor]
+    core_own: Map
+    core_shared: Map
     core_gates: Map
     post_deter: Map
     post_out: Map
@@ -102,25 +117,44 @@ class Rssm(nn.Module):
         """For one pass over a sequence: while gradients are recorded, with deferred weight gradients."""
         if not torch.is_grad_enabled() or not self.post_out.weight.requires_grad:
             return self.plain_maps()
-        blocks = (self.core_hidden, self.core_gates)
         inputs = (self.input_deter.linear, self.input_stoch.linear)
         deter, stoch = (DeferredLinear(layer.weight.t(), layer.bias) for layer in inputs)
-        hidden, gates = (DeferredLinear(layer.weight, layer.bias) for layer in blocks)
+        own, shared = self._core_parts()
+        core = DeferredLinear(own, None), DeferredLinear(shared, self.core_hidden.bias.flatten())
+        gates = DeferredLinear(self.core_gates.weight, self.core_gates.bias)
         if not isinstance(self.post_deter, Linear):
             # A cell's map is small and has rows enough at every step.
-            return Maps(deter, stoch, hidden, gates, self.post_deter, self.post_out)
+            return Maps(deter, stoch, *core, gates, self.post_deter, self.post_out)
         post_deter, post_out = (DeferredLinear(m.weight.t(), m.bias) for m in (self.post_deter, self.post_out))
-        return Maps(deter, stoch, hidden, gates, post_deter, post_out)
+        return Maps(deter, stoch, *core, gates, post_deter, post_out)
 
     def plain_maps(self) -> Maps:
-        inputs = (self.input_deter.linear, self.input_stoch.linear)
-        return Maps(*inputs, self.core_hidden, self.core_gates, self.post_deter, self.post_out)
+        """With the weights as they are now; for a loop of steps without gradients, make them once."""
+        own, shared = self._core_parts()
+        bias = self.core_hidden.bias.flatten()
+        return Maps(
+            self.input_deter.linear,
+            self.input_stoch.linear,
+            lambda x: torch.bmm(x, own),
+            lambda x: torch.addmm(bias, x, shared),
+            self.core_gates,
+            self.post_deter,
+            self.post_out,
+        )
 
-    def step_deter(self, state: State, action: Tensor) -> Tensor:
-        """h_t from (B, D), (B, S*K) and one-hot (B, A) actions."""
-        return self.next_deter(state, self.input_action(action), self.plain_maps())
+    def _core_parts(self) -> tuple[Tensor, Tensor]:
+        """Weights of `core_hidden`: (blocks, I, O) of each block's own state, (3*hidden, D) of what all blocks read.
 
-    def next_deter(self, state: State, action_hidden: Tensor, maps: Maps) -> Tensor:
+        The latter is one product, without a copy of these inputs for every block.
+        """
+        weight, size = self.core_hidden.weight, self.config.deter // self.config.blocks
+        return weight[:, :size], weight[:, size:].transpose(0, 1).flatten(1)
+
+    def step_deter(self, state: State | SparseState, action: Tensor, maps: Maps | None = None) -> Tensor:
+        """h_t from (B, D), (B, S*K) and one-hot (B, A) actions; maps: `plain_maps`, for many steps."""
+        return self.next_deter(state, self.input_action(action), maps or self.plain_maps())
+
+    def next_deter(self, state: State | SparseState, action_hidden: Tensor, maps: Maps) -> Tensor:
         """h_t, where `action_hidden` is `input_action(a)`."""
         c = self.config
         batch = state.deter.shape[0]
@@ -128,9 +162,8 @@ class Rssm(nn.Module):
         deter_hidden = silu(self.input_deter.norm(maps.deter(state.deter)))
         stoch_hidden = silu(self.input_stoch.norm(maps.stoch(state.stoch)))
         inputs = torch.cat([deter_hidden, stoch_hidden, action_hidden], -1)
-        blocks = state.deter.view(batch, c.blocks, -1).transpose(0, 1)
-        x = torch.cat([blocks, inputs.unsqueeze(0).expand(c.blocks, -1, -1)], -1)
-        x = maps.core_hidden(x).transpose(0, 1).reshape(batch, -1)
+        own = maps.core_own(state.deter.view(batch, c.blocks, -1).transpose(0, 1))
+        x = maps.core_shared(inputs) + own.transpose(0, 1).reshape(batch, -1)
         x = silu(self.core_norm(x))
         gates = maps.core_gates(x.view(batch, c.blocks, -1).transpose(0, 1))
         reset, candidate, update = (gate.transpose(0, 1).reshape(batch, -1) for gate in gates.chunk(3, -1))
@@ -161,6 +194,18 @@ class Rssm(nn.Module):
         if log_probs.requires_grad:
             one_hot = straight_through(one_hot, log_probs)
         return one_hot.flatten(-2)
+
+    def sparse(self, state: State) -> State | SparseState:
+        """For steps without gradients: the sample as indices where that is faster, else the state itself."""
+        classes = self.config.classes
+        return SparseState(state.deter, Hot.of(state.stoch, classes)) if worthwhile(classes) else state
+
+    def imagine(self, deter: Tensor, uniform: Tensor) -> State | SparseState:
+        """h_t with a sample of the prior, without gradients; sparse as `sparse` says."""
+        log_probs, classes = self.prior(deter), self.config.classes
+        if worthwhile(classes):
+            return SparseState(deter, Hot.of_classes(sample_classes(log_probs, uniform), classes))
+        return State(deter, self.sample(log_probs, uniform))
 
     def observe(
         self, embed: Tensor, actions: Tensor, is_first: Tensor, uniform: Tensor, start: State | None = None

@@ -1,0 +1,70 @@
+"""One-hot vectors by their indices: a product with them is a sum of rows. For samples that need no gradient.
+
+With 32 classes per group this is an eighth of a dense product's time; with four it is none, and nothing here is used
+(`worthwhile`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+WORTHWHILE_CLASSES = 16
+
+
+def worthwhile(classes: int) -> bool:
+    """Whether sums of rows beat dense products for groups of so many classes."""
+    return classes >= WORTHWHILE_CLASSES
+
+
+@dataclass(frozen=True, slots=True)
+class Hot:
+    """index: (..., S), which of all S*K entries are one."""
+
+    index: Tensor
+
+    @classmethod
+    def of(cls, one_hot: Tensor, classes: int) -> Hot:
+        """From (..., S*K) one-hot groups."""
+        return cls.of_classes(one_hot.unflatten(-1, (-1, classes)).argmax(-1), classes)
+
+    @classmethod
+    def of_classes(cls, chosen: Tensor, classes: int) -> Hot:
+        """From (..., S) classes of the groups."""
+        return cls(chosen + torch.arange(chosen.shape[-1], device=chosen.device) * classes)
+
+    def through(self, weight: Tensor, bias: Tensor | None = None) -> Tensor:
+        """(..., O): what a linear map with (O, S*K) weights makes of the one-hot vectors."""
+        rows = self.index.flatten(0, -2)
+        # Rows of the table have to lie together in memory.
+        table = weight.t().contiguous()
+        summed = nn.functional.embedding_bag(rows, table, mode='sum').view(*self.index.shape[:-1], -1)
+        return summed if bias is None else summed + bias
+
+
+@dataclass(frozen=True, slots=True)
+class HotFeature:
+    """`State.feature` with its stochastic part as indices. deter: (..., D)."""
+
+    deter: Tensor
+    stoch: Hot
+
+    def __getitem__(self, where: Any) -> HotFeature:
+        return HotFeature(self.deter[where], Hot(self.stoch.index[where]))
+
+    def through(self, weight: Tensor, bias: Tensor | None = None) -> Tensor:
+        """(..., O) of (O, D + S*K) weights."""
+        size = self.deter.shape[-1]
+        return nn.functional.linear(self.deter, weight[:, :size], bias) + self.stoch.through(weight[:, size:])
+
+
+def stack(features: Sequence[Tensor] | Sequence[HotFeature]) -> Tensor | HotFeature:
+    """Along a new first axis."""
+    if isinstance(features[0], Tensor):
+        return torch.stack(list(features))  # type: ignore[arg-type]
+    deters, indices = zip(*((f.deter, f.stoch.index) for f in features))
+    return HotFeature(torch.stack(deters), Hot(torch.stack(indices)))
