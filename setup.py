@@ -73,6 +73,8 @@ setup(
         ],
         # The client has to be of the server's version.
         'carla': [CARLA],
+        # Coverage-guided fuzzing, for Linux: test/fuzz/run.py.
+        'fuzz': ['atheris>=3'],
         'build': ['colcon-common-extensions'],
     },
     zip_safe=False,

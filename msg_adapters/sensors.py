@@ -82,7 +82,7 @@ def camera_info_to_message(factory: MessageFactory, camera: CameraCalibration, t
     message.height, message.width = camera.height, camera.width
     message.distortion_model = 'plumb_bob'
     message.d = np.zeros(5)
-    message.k = np.ascontiguousarray(camera.intrinsics, np.float64).reshape(9)
+    message.k = np.array(camera.intrinsics, np.float64).reshape(9)
     message.r = np.eye(3).reshape(9)
     message.p = np.hstack([camera.intrinsics, np.zeros((3, 1))]).reshape(12)
     return message
@@ -163,7 +163,8 @@ def odometry_from_message(message: Any) -> OdometrySample:
     """Raises ContractError for NaN or a zero quaternion."""
     pose, twist = message.pose.pose, message.twist.twist
     turn = pose.orientation
-    norm = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
+    # Products, which become infinite, and not powers, which raise OverflowError.
+    norm = turn.x * turn.x + turn.y * turn.y + turn.z * turn.z + turn.w * turn.w
     if not abs(norm - 1.0) < 1e-2:
         raise ContractError(f'odometry orientation is not a unit quaternion (squared norm {norm})')
     yaw = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z))

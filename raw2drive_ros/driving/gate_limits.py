@@ -89,8 +89,9 @@ def _steer(
     if steer != wanted:
         names.append('steer')
     if speed_mps is not None:
-        # a = v^2 tan(angle) / wheelbase, the kinematic bicycle.
-        allowed = math.atan2(limits.max_lateral_mps2 * limits.wheelbase_m, speed_mps**2) / limits.max_steer_rad
+        # a = v^2 tan(angle) / wheelbase, the kinematic bicycle. A product: a power of an absurd speed raises.
+        grip = limits.max_lateral_mps2 * limits.wheelbase_m
+        allowed = math.atan2(grip, speed_mps * speed_mps) / limits.max_steer_rad
         if abs(steer) > allowed:
             steer = math.copysign(allowed, steer)
             names.append('lateral')

@@ -104,7 +104,10 @@ def read_samples(path: Path) -> list[Sample]:
     if not path.exists():
         return []
     found = []
-    text = path.read_text()
+    try:
+        text = path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise SoakError(f'{path}: cannot be read: {error}') from error
     # A killed writer leaves half a line at the end.
     for number, line in enumerate(text[: text.rfind('\n') + 1].splitlines(), 1):
         try:

@@ -17,7 +17,7 @@ from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.expert import Plan, follow, hits
 from raw2drive_ros.simulation.actors import StandingObject, boxes_overlap, corners_m
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios, rng_for
+from raw2drive_ros.simulation.scenario import UnknownScenarioError, get_scenario, load_scenarios, rng_for
 from raw2drive_ros.simulation.weather import WEATHER_NAMES
 from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
 from raw2drive_ros.world_model.config import preset_folder
@@ -99,7 +99,10 @@ def load_suite(name: str) -> Suite:
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UnknownSuiteError(f'{path}: not a suite: {type(error).__name__}: {error}') from error
     for kind in {route.type for route in suite.routes}:
-        get_scenario(kind)
+        try:
+            get_scenario(kind)
+        except UnknownScenarioError as error:
+            raise UnknownSuiteError(f'{path}: {error}') from error
     return suite
 
 

@@ -12,7 +12,7 @@ from raw2drive_ros import topics
 from raw2drive_ros.contract import Control, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.driver import RawDriver
-from raw2drive_ros.recording.bag_reader import BagError, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import BagError, decoded, messages_in, open_bag, read_ticks
 
 FIELDS = ('throttle', 'brake', 'steer', 'reverse')
 
@@ -39,8 +39,8 @@ def recorded_proposals(bag: Path) -> dict[int, Control]:
     found: dict[int, Control] = {}
     with open_bag(bag) as reader:
         connections = [c for c in reader.connections if c.topic == topics.PROPOSED]
-        for connection, _, data in reader.messages(connections=connections):
-            decision = decision_from_message(factory.deserialize(data, connection.msgtype))
+        for connection, _, data in messages_in(reader, connections=connections):
+            decision = decision_from_message(decoded(factory, reader, connection, data))
             found[decision.stamp_ns] = decision.control
     if not found:
         raise BagError(f'{bag}: has no {topics.PROPOSED}; record a drive of the raw policy')

@@ -16,7 +16,7 @@ from raw2drive_ros import topics
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import make_publisher
 from raw2drive_ros.nodes.runtime import NodeError, run_node
-from raw2drive_ros.recording.bag_reader import BagError, open_bag
+from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag
 
 SEEK, END, ENDED = 'seek', 'end', 'interrupted'
 POLL_S = 0.05
@@ -97,7 +97,7 @@ class PlayerNode(Node):
         self._set_clock(start_ns)
         self._say_again(reader, connections, start_ns)
         anchor_s, anchor_ns, rate = time.monotonic(), start_ns, self._rate()
-        for connection, stamp_ns, data in reader.messages(connections=connections, start=start_ns):
+        for connection, stamp_ns, data in messages_in(reader, connections=connections, start=start_ns):
             if stamp_ns != self.now_ns:
                 was_paused = self.paused
                 if was_paused and self._wait_while_paused(executor):
@@ -131,7 +131,7 @@ class PlayerNode(Node):
         latched = [c for c in connections if topics.BY_NAME[c.topic].latched]
         last: dict[str, bytes] = {}
         if latched:
-            for connection, _, data in reader.messages(connections=latched, stop=start_ns):
+            for connection, _, data in messages_in(reader, connections=latched, stop=start_ns):
                 last[connection.topic] = bytes(data)
         for topic, data in last.items():
             self.outputs[topic].publish(data)

@@ -10,7 +10,7 @@ from msg_adapters.factory import RosbagsFactory
 from msg_adapters.stamps import stamp_ns
 from raw2drive_ros import topics
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import BagError, open_bag, read_calibrations, read_ticks
+from raw2drive_ros.recording.bag_reader import BagError, decoded, messages_in, open_bag, read_calibrations, read_ticks
 
 Severity = Literal['error', 'warning', 'note']
 ORDER = ('error', 'warning', 'note')
@@ -98,8 +98,8 @@ def _out_of_order(path: Path) -> list[Complaint]:
     factory, last, backwards = RosbagsFactory(), {}, {}
     with open_bag(path) as reader:
         wanted = [c for c in reader.connections if c.topic in (topics.IMU, topics.ODOMETRY)]
-        for connection, _, data in reader.messages(connections=wanted):
-            stamp = stamp_ns(factory.deserialize(data, connection.msgtype).header.stamp)
+        for connection, _, data in messages_in(reader, connections=wanted):
+            stamp = stamp_ns(decoded(factory, reader, connection, data).header.stamp)
             if stamp < last.get(connection.topic, stamp):
                 backwards[connection.topic] = backwards.get(connection.topic, 0) + 1
             last[connection.topic] = stamp

@@ -13,7 +13,7 @@ from typing import Any
 from rosbags.rosbag2 import Reader
 
 from raw2drive_ros.recording.bag_info import provenance_of
-from raw2drive_ros.recording.bag_reader import BagError, open_bag
+from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter
 
 
@@ -44,7 +44,7 @@ def cut(
         facts = provenance_of(bag) | {'cut_from': bag.name, 'cut': f'{start_s:g} s to {end_s:g} s'}
         latched: dict[str, tuple[Any, bytes]] = {}
         with whole_bag(out, facts) as writer:
-            for connection, stamp_ns, data in reader.messages():
+            for connection, stamp_ns, data in messages_in(reader):
                 if not any(fnmatchcase(connection.topic, pattern) for pattern in patterns) or stamp_ns >= end_ns:
                     continue
                 if stamp_ns < start_ns:
@@ -82,7 +82,7 @@ def merge(bags: list[Path], out: Path) -> dict[str, int]:
 
 
 def _stream(reader: Reader, number: int) -> Iterator[tuple[int, int, int, Any, bytes]]:
-    for count, (connection, stamp_ns, data) in enumerate(reader.messages()):
+    for count, (connection, stamp_ns, data) in enumerate(messages_in(reader)):
         yield stamp_ns, number, count, connection, bytes(data)
 
 

@@ -11,7 +11,7 @@ import yaml
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import transition_from_message
 from raw2drive_ros import topics
-from raw2drive_ros.recording.bag_reader import BagError, open_bag
+from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag
 
 
 def bag_info(path: Path) -> dict[str, Any]:
@@ -22,7 +22,7 @@ def bag_info(path: Path) -> dict[str, Any]:
     with open_bag(path) as reader:
         types = {c.topic: c.msgtype for c in reader.connections}
         try:
-            for connection, stamp, data in reader.messages():
+            for connection, stamp, data in messages_in(reader):
                 stamps.setdefault(connection.topic, []).append(stamp)
                 if connection.topic == topics.TRANSITION:
                     step, episode = transition_from_message(factory.deserialize(data, connection.msgtype))

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.rosbag2 import Reader
-from rosbags.rosbag2.errors import ReaderError
 
 from msg_adapters.compressed import image_from_compressed_message
 from msg_adapters.factory import RosbagsFactory
@@ -44,12 +43,35 @@ def open_bag(path: Path) -> Iterator[Reader]:
     try:
         reader = Reader(path)
         reader.open()
-    except (ReaderError, OSError, ValueError, KeyError, AssertionError) as error:
-        raise BagError(f'{path}: cannot be opened: {error}') from error
+    except Exception as error:
+        # Whatever the library makes of damage, absurd lengths among it (MemoryError).
+        raise BagError(f'{path}: cannot be opened: {str(error) or type(error).__name__}') from error
     try:
         yield reader
     finally:
         reader.close()
+
+
+def messages_in(reader: Reader, **selection: Any) -> Iterator[tuple[Any, int, bytes]]:
+    """`Reader.messages`, with a BagError for whatever the library makes of damage."""
+    found = reader.messages(**selection)
+    while True:
+        try:
+            item = next(found)
+        except StopIteration:
+            return
+        except Exception as error:
+            raise BagError(f'{reader.path}: damaged: {str(error) or type(error).__name__}') from error
+        yield item
+
+
+def decoded(factory: RosbagsFactory, reader: Reader, connection: Any, data: bytes) -> Any:
+    """A message. Raises BagError for bytes that are none of its type."""
+    try:
+        return factory.deserialize(data, connection.msgtype)
+    except Exception as error:
+        what = str(error) or type(error).__name__
+        raise BagError(f'{reader.path}: {connection.topic}: not a {connection.msgtype}: {what}') from error
 
 
 def find_bags(roots: list[Path]) -> list[Path]:
@@ -97,9 +119,9 @@ def read_calibrations(reader: Reader, factory: RosbagsFactory) -> tuple[CameraCa
         topics.extrinsics_topic(c) for c in topics.CAMERAS
     }
     connections = [c for c in reader.connections if c.topic in wanted]
-    for connection, _, data in reader.messages(connections=connections):
+    for connection, _, data in messages_in(reader, connections=connections):
         if connection.topic not in first:
-            first[connection.topic] = factory.deserialize(data, connection.msgtype)
+            first[connection.topic] = decoded(factory, reader, connection, data)
             if len(first) == len(connections):
                 break
     return tuple(
@@ -116,8 +138,8 @@ def read_advice(reader: Reader, factory: RosbagsFactory) -> dict[int, int]:
     connections = [c for c in reader.connections if c.topic == topics.ADVICE]
     if not connections:
         return {}
-    messages = reader.messages(connections=connections)
-    return dict(advice_from_message(factory.deserialize(data, c.msgtype)) for c, _, data in messages)
+    messages = messages_in(reader, connections=connections)
+    return dict(advice_from_message(decoded(factory, reader, c, data)) for c, _, data in messages)
 
 
 def camera_topics(reader: Reader) -> dict[str, str]:
@@ -151,9 +173,9 @@ def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = 
     pending: dict[int, dict[str, Any]] = {}
     needed = len(image_topics) + (3 if privileged else 0)
     try:
-        for connection, _, data in reader.messages(connections=connections):
+        for connection, _, data in messages_in(reader, connections=connections):
             topic = connection.topic
-            message = factory.deserialize(data, connection.msgtype)
+            message = decoded(factory, reader, connection, data)
             if topic == topics.ROUTE:
                 route = route_from_message(message)
                 continue

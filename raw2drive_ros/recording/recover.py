@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.typesys import TypesysError
 
 from raw2drive_ros.recording.bag_edit import whole_bag
-from raw2drive_ros.recording.bag_reader import BagError, open_bag
+from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag
 from raw2drive_ros.recording.bag_writer import PROVENANCE, BagWriter
 
 
@@ -84,7 +82,7 @@ def _read_facts(file: Path) -> dict[str, str]:
 def _count(bag: Path) -> dict[str, int]:
     counts: dict[str, int] = {}
     with open_bag(bag) as reader:
-        for connection, _, _ in reader.messages():
+        for connection, _, _ in messages_in(reader):
             counts[connection.topic] = counts.get(connection.topic, 0) + 1
     return counts
 
@@ -123,6 +121,7 @@ def _records(file: Path, found: Recovery) -> Iterator[Any]:
                     found.damaged += 1
                     continue
                 yield from inner
-        except (McapError, ValueError, EOFError, OSError, struct.error):
-            # A killed writer leaves half a record at the end; nothing whole follows it.
+        except Exception:
+            # A killed writer leaves half a record at the end, and damage any length (MemoryError); nothing whole can be
+            # found behind it.
             found.truncated = True

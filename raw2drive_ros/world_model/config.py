@@ -91,10 +91,11 @@ def preset_folder() -> Path:
 def load_yaml(path: Path) -> dict[str, Any]:
     """A YAML mapping. Raises ConfigError with the path and the reason."""
     try:
-        loaded = yaml.safe_load(path.read_text())
+        loaded = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ConfigError(f'cannot read {path}: {error.strerror}') from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        # Not text at all, dates that are none, keys that cannot be keys, brackets without end.
         raise ConfigError(f'{path} is not valid YAML: {error}') from error
     if not isinstance(loaded, dict):
         raise ConfigError(f'{path}: expected a mapping')

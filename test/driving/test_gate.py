@@ -370,6 +370,15 @@ def test_the_first_command_counts_from_the_brake_that_was_held() -> None:
     assert answer.steer == pytest.approx(0.001)
 
 
+def test_an_absurd_speed_stops_the_car() -> None:
+    gate = driving_gate(motion=MotionLimits(max_speed_mps=10.0, max_lateral_mps2=3.0))
+    gate.observe(-1e200, at(0.1))
+    gate.propose(proposal(0.1), at(0.1))
+    gate.tick(at(0.1))
+    assert gate.state is GateState.COMFORTABLE_STOP
+    assert gate.reason.endswith('is too fast')
+
+
 def test_limits_know_the_speed() -> None:
     gate = driving_gate(motion=MotionLimits(max_speed_mps=10.0))
     gate.observe(10.1, at(0.1))

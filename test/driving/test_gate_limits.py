@@ -64,6 +64,12 @@ def test_lateral_acceleration_is_that_of_the_bicycle() -> None:
     assert limited(Control(steer=1.0), STILL, 0.0, DT_S, limits)[1] == ()
 
 
+def test_an_absurd_speed_is_a_speed() -> None:
+    answer, names = one(Control(0.0, 0.0, 0.5), speed_mps=1e200, max_lateral_mps2=3.0)
+    assert names == ('lateral',)
+    assert answer.steer == pytest.approx(0.0, abs=1e-9)
+
+
 def test_jerk_and_rate_count_from_the_command_before() -> None:
     before = Control(0.0, 0.5, -0.5)
     answer, names = one(Control(1.0, 0.0, 0.5), before, max_jerk_mps3=20.0, max_steer_rate_1ps=3.0)

@@ -219,3 +219,20 @@ def test_advice_outside_the_table_is_refused(action) -> None:
     assert privileged.advice_from_message(privileged.advice_to_message(factory, 5, 42)) == (42, 5)
     with pytest.raises(ContractError, match='not in the table'):
         privileged.advice_from_message(privileged.advice_to_message(factory, action, 42))
+
+
+@factories
+def test_an_orientation_too_large_to_square_is_refused(factory) -> None:
+    message = sensors.odometry_to_message(factory, OdometrySample(1, 0.0, 0.0, 0.0, 0.0, 0.0))
+    message.pose.pose.orientation.x = -1e200
+    with pytest.raises(ContractError, match='not a unit quaternion'):
+        sensors.odometry_from_message(message)
+
+
+@factories
+def test_a_message_has_memory_of_its_own(factory) -> None:
+    camera = camera_rig()[0]
+    message = sensors.camera_info_to_message(factory, camera, 1)
+    before = camera.intrinsics.copy()
+    message.k[0] = 5.0
+    assert (camera.intrinsics == before).all()
