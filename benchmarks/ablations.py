@@ -4,7 +4,9 @@ Every variant is trained from nothing on the bags that a run of the recipe colle
 the same number of steps and draws, then drives the suite `validation`. A variant that is done already is not done
 again; one that was stopped goes on. `base_seed1` is the base with other draws: differences of its size are chance.
 
-python -m benchmarks.ablations --bags runs/teacher/bags --out runs/ablations [--steps 2000] [--only base no_reset ...]
+python -m benchmarks.ablations --bags runs/teacher/bags --out runs/ablations [--steps 2000] [--only base reset ...]
+
+On two cores, two of these with --threads 1 and different variants are done sooner than one with two threads.
 """
 
 from __future__ import annotations
@@ -43,7 +45,7 @@ VARIANTS = {
 def train(name: str, options: argparse.Namespace, run: Path) -> None:
     """Train one variant, unless its last checkpoint exists."""
     variant, recipe = VARIANTS[name], load_recipe(options.recipe)
-    fields = recipe.set | {'decay_share': 0.25, 'checkpoint_every': 250} | variant.set
+    fields = recipe.set | {'decay_share': 0.25, 'checkpoint_every': 250, 'threads': options.threads} | variant.set
     if fields.get('reset_policy_at', 0) < 0:
         fields['reset_policy_at'] = options.steps // -fields['reset_policy_at']
     left_out = set(options.bags.glob(variant.without)) if variant.without else set()
@@ -55,10 +57,10 @@ def train(name: str, options: argparse.Namespace, run: Path) -> None:
     call(command)
 
 
-def drive(run: Path, results: Path) -> Results:
+def drive(run: Path, results: Path, workers: int) -> Results:
     """Drive the suite with the policy as training left it; routes that were driven already are kept."""
     newest = max((run / 'checkpoints').iterdir(), key=lambda path: int(path.name))
-    command = ['evaluate', '--driver', 'privileged', '--run', str(newest), '--suite', SUITE, '--workers', '2']
+    command = ['evaluate', '--driver', 'privileged', '--run', str(newest), '--suite', SUITE, '--workers', str(workers)]
     call([*command, '--out', str(results), '--json'])
     return read_results(results)
 
@@ -78,6 +80,7 @@ def main() -> int:
     parser.add_argument('--cache', type=Path, default=Path('runs/cache'), help='where bags are unpacked to')
     parser.add_argument('--recipe', default='teacher', help='whose settings are the base')
     parser.add_argument('--steps', type=int, default=2000, help='gradient steps of every variant')
+    parser.add_argument('--threads', type=int, default=2, help='of training, and processes that drive')
     parser.add_argument('--only', nargs='+', choices=VARIANTS, default=list(VARIANTS), help='variants')
     options = parser.parse_args()
     found: dict[str, Results] = {}
@@ -85,7 +88,7 @@ def main() -> int:
         print(f'{name}: {VARIANTS[name].about}', file=sys.stderr)
         run = options.out / name
         train(name, options, run)
-        found[name] = drive(run, options.out / f'{name}.jsonl')
+        found[name] = drive(run, options.out / f'{name}.jsonl', options.threads)
     print('| variant | what changed | driving score | success % | difference of driving score | |\n' + '|---' * 6 + '|')
     for name, results in found.items():
         s = summary(results)
