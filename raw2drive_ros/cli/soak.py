@@ -22,7 +22,8 @@ Memory (without what is shared), handles, threads and shared-memory segments of 
 folder are sampled; from an hour (simulated) after the graph's start on, memory and logs may grow by a MiB per hour, and
 the rest not at all. Exit code 1 when one does, or when a process ends."""
 
-ROOM_S = 10.0
+SNAPSHOT_S = 5.0
+KEPT_SNAPSHOTS = 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,7 +78,7 @@ def _start(graph: Graph, folder: Path, options: argparse.Namespace) -> None:
 
     bundle = (options.bundle or default_bundle()).resolve()
     rig = load_bundle(bundle).rig
-    graph.start('recorder', {'bag': str(folder / 'snapshots'), 'snapshot_s': ROOM_S})
+    graph.start('recorder', {'bag': str(folder / 'snapshots'), 'snapshot_s': SNAPSHOT_S})
     graph.start('safety_gate', {'clock': 'ros', 'simulated': True})
     graph.start('planner', {'bundle': str(bundle)})
     bridge = {
@@ -121,11 +122,20 @@ def _sample(
                 simulated_s = (driven + state['ticks']) / 10.0
         if time.monotonic() >= due or simulated_s >= wanted_s:
             due = time.monotonic() + every_s
+            _drop_old(folder / 'snapshots')
             values = {'graph/logs_mib': folder_mib(folder / 'logs')}
             for name, process in graph.processes.items():
                 values |= process_values(name, process.pid)
             append_sample(file, Sample(part, simulated_s, time.monotonic() - started, episodes, values))
             advance(min(simulated_s, wanted_s), f'{episodes} episodes, {rate} ticks/s')
+
+
+def _drop_old(snapshots: Path) -> None:
+    """Every stop of the gate is a bag of some 50 MB; hours of them are not what is tested here."""
+    import shutil
+
+    for bag in sorted(snapshots.glob('snapshot_*'), key=lambda path: int(path.name.split('_')[-1]))[:-KEPT_SNAPSHOTS]:
+        shutil.rmtree(bag, ignore_errors=True)
 
 
 def _report(options: argparse.Namespace, samples: list[Sample]) -> int:
