@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -185,7 +186,11 @@ def _driven(
     spec: DriverSpec, conditions: Conditions, jobs: list[RouteId], workers: int
 ) -> Iterator[tuple[RouteResult, list[float]]]:
     if workers <= 1:
-        runner = RouteRunner(spec.build(), conditions)
+        driver = spec.build()
+        if torch := sys.modules.get('torch'):
+            # Several threads on one small state only wait for each other.
+            torch.set_num_threads(spec.threads)
+        runner = RouteRunner(driver, conditions)
         for route in jobs:
             yield runner.drive(route)
         return
