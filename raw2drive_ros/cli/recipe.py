@@ -121,7 +121,7 @@ def _train(recipe: Recipe, index: int, run: Path, cache: Path, overrides: dict[s
             advance(step, ' '.join(f'{k.split("/")[1]} {metrics[k]:.3g}' for k in shown if k in metrics))
 
         total = recipe.total_steps(index)
-        train('privileged', run, [run / 'bags'], cache, total, recipe.preset, settings, report=report)
+        train('privileged', run, recipe.bags(index, run / 'bags'), cache, total, recipe.preset, settings, report=report)
 
 
 def _validate(recipe: Recipe, index: int, run: Path, workers: int, title: str) -> None:

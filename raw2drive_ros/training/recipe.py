@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +48,13 @@ class Collection(Strict):
 
 
 class Round(Strict):
-    """collect: bags that join those of the rounds before. steps: gradient steps in this round. set: training fields
-    from this round on."""
+    """collect: bags that join those of the rounds before. steps: gradient steps in this round. From this round on: set,
+    training fields; without, patterns of folders of bags that are no longer trained on (`00_*_expert`)."""
 
     collect: list[Collection] = Field(default_factory=list, max_length=SEEDS_PER_ROUND)
     steps: int = Field(ge=1)
     set: dict[str, Any] = Field(default_factory=dict)
+    without: list[str] = Field(default_factory=list)
 
 
 class Recipe(Strict):
@@ -77,6 +79,14 @@ class Recipe(Strict):
         for before in self.rounds[: round_index + 1]:
             found |= before.set
         return found | overrides
+
+    def bags(self, round_index: int, folder: Path) -> list[Path]:
+        """What a round trains on: the folders of bags below `folder` that it has not left out."""
+        patterns = [pattern for before in self.rounds[: round_index + 1] for pattern in before.without]
+        if not patterns:
+            return [folder]
+        found = sorted(path for path in folder.iterdir() if path.is_dir())
+        return [path for path in found if not any(fnmatchcase(path.name, pattern) for pattern in patterns)]
 
     def total_steps(self, round_index: int) -> int:
         """Gradient steps of the run at the end of a round."""

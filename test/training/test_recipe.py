@@ -54,6 +54,16 @@ def test_every_round_collects_and_trains_on_all_bags(run) -> None:
     assert newest_checkpoint(run / 'checkpoints').name == '00000006'
 
 
+def test_bags_that_a_round_leaves_out_are_left_out_from_then_on(tmp_path) -> None:
+    for name in ('00_0_expert', '00_1_expert', '01_0_privileged'):
+        (tmp_path / name).mkdir()
+    recipe = recipe_of([*ROUNDS, {'steps': 2, 'without': ['00_*_expert']}, {'steps': 2}])
+    assert recipe.bags(1, tmp_path) == [tmp_path]
+    assert (
+        [p.name for p in recipe.bags(2, tmp_path)] == ['01_0_privileged'] == [p.name for p in recipe.bags(3, tmp_path)]
+    )
+
+
 def test_the_policy_s_bags_hold_the_expert_s_advice(run) -> None:
     (path,) = find_bags([run / 'bags' / '01_0_privileged'])
     with open_bag(path) as reader:
