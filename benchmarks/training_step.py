@@ -4,6 +4,7 @@ worth.
 Variants take turns, so that a busy machine slows all of them; least and median wall time, and the ratio of the least.
 
 python -m benchmarks.training_step [--recipe teacher] [--threads 2] [--samples 6]
+python -m benchmarks.training_step --collector      the step alone, while a collector drives on the same machine
 """
 
 from __future__ import annotations
@@ -11,12 +12,18 @@ from __future__ import annotations
 import argparse
 import os
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
+# As `raw2drive train` sets them.
 os.environ.setdefault('THP_MEM_ALLOC_ENABLE', '1')
+os.environ.setdefault('OMP_WAIT_POLICY', 'PASSIVE')
+os.environ.setdefault('GOMP_SPINCOUNT', '30000')
 
 import torch
 
@@ -31,6 +38,7 @@ from raw2drive_ros.world_model.rssm import Rssm
 
 MASK_SHARE = 0.1
 STEPS = 2
+WARM_S = 8.0
 
 
 def random_batch(trainer: PrivilegedTrainer) -> Batch:
@@ -69,6 +77,7 @@ def main() -> None:
     parser.add_argument('--recipe', default='teacher')
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--samples', type=int, default=6)
+    parser.add_argument('--collector', action='store_true', help='only the step as it is, beside a collector')
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     torch.manual_seed(0)
@@ -101,22 +110,62 @@ def main() -> None:
         'binary cross-entropy by autograd': without(privileged, 'mask_loss', plain_mask_loss),
         'masks channels first in memory': lambda: trainer.step(contiguous),
     }
+    if options.collector:
+        cases = {'as it is': cases['as it is']}
+    with collecting() if options.collector else nullcontext():
+        times = sampled(cases, options.samples)
+    t = trainer.config.train
+    sizes = f'batch {t.batch} x {t.length}, {t.starts} starts x {t.horizon}'
+    beside = ', beside a collector' * options.collector
+    print(f'{options.recipe}: {sizes}, {options.threads} threads{beside}')
+    print(
+        '| variant | least ms | median ms | steps/s (median) | least, in ratio to "as it is" |\n|---|---|---|---|---|'
+    )
+    base = min(times['as it is'])
+    for name, found in times.items():
+        least, median = min(found), statistics.median(found)
+        print(f'| {name} | {least:.0f} | {median:.0f} | {1e3 / median:.1f} | {least / base:.2f} |')
+
+
+@contextmanager
+def collecting() -> Iterator[None]:
+    """One of the recipe's collectors: the shipped teacher, with the expert's advice, into a folder that goes."""
+    with tempfile.TemporaryDirectory(prefix='raw2drive_bench_') as folder:
+        command = [
+            sys.executable,
+            '-m',
+            'raw2drive_ros.cli.main',
+            'collect',
+            '--driver',
+            'privileged',
+            '--routes',
+            'all',
+        ]
+        command += ['--advice', '--advice-every', '8', '--no-cameras', '--ticks', '1000000', '--out', f'{folder}/bags']
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            # It imports, loads and builds first.
+            time.sleep(WARM_S)
+            if process.poll() is not None:
+                raise SystemExit('the collector ended; what does `raw2drive collect --driver privileged` say?')
+            yield
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def sampled(cases: dict[str, Callable[[], Any]], samples: int) -> dict[str, list[float]]:
+    """Milliseconds per step, case by case in turns; the first turn warms up."""
     times: dict[str, list[float]] = {name: [] for name in cases}
     # An even number of steps a sample: with `policy_every: 2` each holds one imagination.
-    for sample in range(options.samples + 1):
+    for sample in range(samples + 1):
         for name, step in cases.items():
             started = time.perf_counter()
             for _ in range(STEPS):
                 step()
             if sample:
                 times[name].append((time.perf_counter() - started) * 1e3 / STEPS)
-    t = trainer.config.train
-    print(f'{options.recipe}: batch {t.batch} x {t.length}, {t.starts} starts x {t.horizon}, {options.threads} threads')
-    print('| variant | least ms | median ms | steps/s | least, in ratio to "as it is" |\n|---|---|---|---|---|')
-    base = min(times['as it is'])
-    for name, found in times.items():
-        least = min(found)
-        print(f'| {name} | {least:.0f} | {statistics.median(found):.0f} | {1e3 / least:.1f} | {least / base:.2f} |')
+    return times
 
 
 if __name__ == '__main__':
