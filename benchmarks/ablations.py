@@ -24,13 +24,14 @@ SUITE = 'validation'
 
 
 class Variant(NamedTuple):
-    """set: training fields that differ from the base. without: patterns of bag folders that are left out."""
+    """set: training fields that differ from the base. without: pattern of the folders of bags that are left out."""
 
     about: str
     set: dict[str, Any]
     without: str = ''
 
 
+HALF_WAY = 'half way'
 VARIANTS = {
     'base': Variant("the recipe's settings", {}),
     'base_seed1': Variant('other draws', {'seed': 1}),
@@ -38,16 +39,15 @@ VARIANTS = {
     'no_imitation': Variant('reinforcement in imagination alone', {'imitate': 0.0}),
     'no_advice_head': Variant("no world-model head that predicts the expert's advice", {'weight_advice': 0.0}),
     'no_terminal_priority': Variant('sequences drawn evenly', {'terminal_share': 0.0}),
-    'reset': Variant('fresh policy half way', {'reset_policy_at': -2}),
+    'reset': Variant('fresh policy half way', {'reset_policy_at': HALF_WAY}),
 }
 
 
 def train(name: str, options: argparse.Namespace, run: Path) -> None:
-    """Train one variant, unless its last checkpoint exists."""
+    """Train one variant, from where it was stopped; done already, it only says so."""
     variant, recipe = VARIANTS[name], load_recipe(options.recipe)
     fields = recipe.set | {'decay_share': 0.25, 'checkpoint_every': 250, 'threads': options.threads} | variant.set
-    if fields.get('reset_policy_at', 0) < 0:
-        fields['reset_policy_at'] = options.steps // -fields['reset_policy_at']
+    fields = {name: options.steps // 2 if value == HALF_WAY else value for name, value in fields.items()}
     left_out = set(options.bags.glob(variant.without)) if variant.without else set()
     bags = sorted(path for path in options.bags.iterdir() if path.is_dir() and path not in left_out)
     command = ['train', 'privileged', '--run', str(run), '--steps', str(options.steps), '--preset', recipe.preset]

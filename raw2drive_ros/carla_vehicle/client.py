@@ -159,12 +159,14 @@ class CarlaVehicle:
 
     def close(self) -> None:
         """Take everything away and give the server its clock back; a server that is gone is no error here."""
-        with contextlib.suppress(RuntimeError):
-            for actor in reversed(self.actors):
+        for actor in reversed(self.actors):
+            # One that cannot be taken away keeps neither the others nor the server's settings.
+            with contextlib.suppress(RuntimeError):
                 if hasattr(actor, 'stop'):
                     actor.stop()
                 actor.destroy()
-            self.actors.clear()
+        self.actors.clear()
+        with contextlib.suppress(RuntimeError):
             self.world.apply_settings(self.before)
 
 

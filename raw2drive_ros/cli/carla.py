@@ -16,14 +16,19 @@ and waits for each command (lock-step); --real-time follows the wall clock."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--host', default='localhost', help='of the CARLA server')
-    parser.add_argument('--port', type=int, default=2000, help='of the CARLA server')
-    parser.add_argument('--timeout', type=float, default=20.0, help='seconds that the server may take to answer')
-    parser.add_argument('--town', default='', help='map to load (default: the one that is loaded)')
-    parser.add_argument('--vehicle', default='vehicle.lincoln.mkz_2020', help='blueprint of the car')
-    parser.add_argument('--spawn-point', type=int, default=0, help='where to start')
-    parser.add_argument('--route-m', type=float, default=600.0, help='length of the route along the lanes')
-    parser.add_argument('--seed', type=int, default=0, help="of the route's choices at junctions")
+    from raw2drive_ros.carla_vehicle.client import CarlaSettings
+
+    usual = CarlaSettings()
+    parser.add_argument('--host', default=usual.host, help='of the CARLA server')
+    parser.add_argument('--port', type=int, default=usual.port, help='of the CARLA server')
+    parser.add_argument(
+        '--timeout', type=float, default=usual.timeout_s, help='seconds that the server may take to answer'
+    )
+    parser.add_argument('--town', default=usual.town, help='map to load (default: the one that is loaded)')
+    parser.add_argument('--vehicle', default=usual.vehicle, help='blueprint of the car')
+    parser.add_argument('--spawn-point', type=int, default=usual.spawn_point, help='where to start')
+    parser.add_argument('--route-m', type=float, default=usual.route_m, help='length of the route along the lanes')
+    parser.add_argument('--seed', type=int, default=usual.seed, help="of the route's choices at junctions")
     parser.add_argument(
         '--bundle', type=Path, help='policy bundle whose cameras are mounted (default: the shipped one)'
     )

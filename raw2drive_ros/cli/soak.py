@@ -150,7 +150,9 @@ def _report(options: argparse.Namespace, samples: list[Sample]) -> int:
     if samples:
         save_soak(options.out / 'soak.png', samples)
     if options.json:
-        print(json.dumps(summed | {'steady': not grown, 'trends': [to_json(trend) for trend in found]}))
+        print(
+            json.dumps(summed | {'steady': not grown if found else None, 'trends': [to_json(trend) for trend in found]})
+        )
         return 1 if grown else 0
     _print(found)
     print(
@@ -172,7 +174,7 @@ def _print(found: list[Any]) -> None:
         return
     table = Table(title='after warm-up, by simulated hour')
     for column in ('part', 'what', 'first quarter', 'last quarter', 'highest', 'growth / h', 'allowed', ''):
-        table.add_column(column, justify='left' if column in ('what', '') else 'right')
+        table.add_column(column, justify='left' if column in ('what', '') else 'right', no_wrap=column in ('what', ''))
     for t in found:
         row = (t.first, t.last, t.highest)
         table.add_row(

@@ -141,14 +141,20 @@ def strip_path(strips: Path, route_id: str) -> Path:
 _runner: RouteRunner | None = None
 
 
-def _start_worker(spec: DriverSpec, conditions: Conditions) -> None:
+def _make_runner(spec: DriverSpec, conditions: Conditions) -> RouteRunner:
     import cv2
-    import torch
 
-    global _runner
     cv2.setNumThreads(1)
-    torch.set_num_threads(spec.threads)
-    _runner = RouteRunner(spec.build(), conditions)
+    driver = spec.build()
+    # Drivers without a model do without torch. Several threads on one small state only wait for each other.
+    if torch := sys.modules.get('torch'):
+        torch.set_num_threads(spec.threads)
+    return RouteRunner(driver, conditions)
+
+
+def _start_worker(spec: DriverSpec, conditions: Conditions) -> None:
+    global _runner
+    _runner = _make_runner(spec, conditions)
 
 
 def _work(route: RouteId) -> tuple[RouteResult, list[float]]:
@@ -186,11 +192,7 @@ def _driven(
     spec: DriverSpec, conditions: Conditions, jobs: list[RouteId], workers: int
 ) -> Iterator[tuple[RouteResult, list[float]]]:
     if workers <= 1:
-        driver = spec.build()
-        if torch := sys.modules.get('torch'):
-            # Several threads on one small state only wait for each other.
-            torch.set_num_threads(spec.threads)
-        runner = RouteRunner(driver, conditions)
+        runner = _make_runner(spec, conditions)
         for route in jobs:
             yield runner.drive(route)
         return

@@ -72,9 +72,9 @@ def trends(samples: Iterable[Sample], warm_up_h: float = WARM_UP_H) -> list[Tren
         rows = [row for row in rows if row.simulated_s >= warm_up_h * 3600.0]
         if not rows or rows[-1].simulated_s < 2.0 * warm_up_h * 3600.0:
             continue
-        hours = [row.simulated_s / 3600.0 for row in rows]
         for name in rows[0].values:
-            values = [row.values[name] for row in rows]
+            # A process that is just ending leaves its quantities out of the last sample.
+            hours, values = zip(*((row.simulated_s / 3600.0, row.values[name]) for row in rows if name in row.values))
             quarter = max(1, len(values) // 4)
             first, last = statistics.median(values[:quarter]), statistics.median(values[-quarter:])
             found.append(Trend(part, name, first, last, max(values), theil_sen(hours, values), allowance(name)))

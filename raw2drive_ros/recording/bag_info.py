@@ -11,7 +11,8 @@ import yaml
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import transition_from_message
 from raw2drive_ros import topics
-from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag
+from raw2drive_ros.contract import ContractError
+from raw2drive_ros.recording.bag_reader import BagError, decoded, messages_in, open_bag
 
 
 def bag_info(path: Path) -> dict[str, Any]:
@@ -21,15 +22,15 @@ def bag_info(path: Path) -> dict[str, Any]:
     episodes: list[str] = []
     with open_bag(path) as reader:
         types = {c.topic: c.msgtype for c in reader.connections}
-        try:
-            for connection, stamp, data in messages_in(reader):
-                stamps.setdefault(connection.topic, []).append(stamp)
-                if connection.topic == topics.TRANSITION:
-                    step, episode = transition_from_message(factory.deserialize(data, connection.msgtype))
-                    if step.is_first:
-                        episodes.append(episode)
-        except Exception as error:
-            raise BagError(f'{path}: damaged: {error}') from error
+        for connection, stamp, data in messages_in(reader):
+            stamps.setdefault(connection.topic, []).append(stamp)
+            if connection.topic == topics.TRANSITION:
+                try:
+                    step, episode = transition_from_message(decoded(factory, reader, connection, data))
+                except ContractError as error:
+                    raise BagError(f'{path}: {topics.TRANSITION}: {error}') from error
+                if step.is_first:
+                    episodes.append(episode)
         rows = []
         for topic in sorted(types):
             times = sorted(stamps.get(topic, []))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from raw2drive_ros import topics
 from raw2drive_ros.recording.bag_writer import BagExistsError, BagWriter
@@ -88,6 +89,15 @@ class Recording:
         return {name: self.counts.get(name, 0) + now.get(name, 0) for name in self.counts | now}
 
 
+class Held(NamedTuple):
+    """A message in the ring: when it arrived, and when it says it is from."""
+
+    now_ns: int
+    stamp_ns: int
+    topic: str
+    data: bytes
+
+
 @dataclass(slots=True)
 class RingBuffer:
     """The last `seconds` of everything, at most `limit_bytes`; what is said once is kept however old it is.
@@ -97,7 +107,7 @@ class RingBuffer:
 
     seconds: float
     limit_bytes: int = 2_000_000_000
-    held: deque[tuple[int, int, str, bytes]] = field(default_factory=deque)
+    held: deque[Held] = field(default_factory=deque)
     size: int = 0
     dropped: int = 0
     _latched: dict[str, bytes] = field(default_factory=dict)
@@ -107,12 +117,12 @@ class RingBuffer:
         if topics.BY_NAME[topic].latched:
             self._latched[topic] = data
             return
-        self.held.append((now_ns, stamp_ns, topic, data))
+        self.held.append(Held(now_ns, stamp_ns, topic, data))
         self.size += len(data)
-        while abs(now_ns - self.held[0][0]) * 1e-9 > self.seconds:
-            self.size -= len(self.held.popleft()[3])
+        while abs(now_ns - self.held[0].now_ns) * 1e-9 > self.seconds:
+            self.size -= len(self.held.popleft().data)
         while self.size > self.limit_bytes:
-            self.size -= len(self.held.popleft()[3])
+            self.size -= len(self.held.popleft().data)
             self.dropped += 1
 
     def save(self, path: Path, provenance: dict[str, str]) -> int:
@@ -121,7 +131,7 @@ class RingBuffer:
             return 0
         with BagWriter(path, provenance) as bag:
             for topic, data in self._latched.items():
-                bag.write_raw(topic, self.held[0][1], data)
-            for _, stamp_ns, topic, data in self.held:
-                bag.write_raw(topic, stamp_ns, data)
+                bag.write_raw(topic, self.held[0].stamp_ns, data)
+            for held in self.held:
+                bag.write_raw(held.topic, held.stamp_ns, held.data)
             return sum(bag.counts.values())

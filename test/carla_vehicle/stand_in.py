@@ -22,6 +22,8 @@ class Actor:
         self.callback = None
 
     def destroy(self) -> bool:
+        if self.world.sticky == self.name:
+            raise RuntimeError('time-out while waiting for the simulator')
         self.alive = False
         return True
 
@@ -49,11 +51,11 @@ class Plan:
 
 
 class World:
-    """silent: a sensor that stops to report."""
+    """silent: a sensor that stops to report. sticky: an actor that cannot be destroyed."""
 
     def __init__(self) -> None:
         self.settings, self.actors, self.plans = carla.WorldSettings(), [], []
-        self.frame, self.speed, self.silent = 100, 5.0, ''
+        self.frame, self.speed, self.silent, self.sticky = 100, 5.0, '', ''
 
     def get_settings(self):
         now = self.settings

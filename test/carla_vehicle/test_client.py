@@ -85,6 +85,13 @@ def test_what_cannot_be_leaves_the_server_as_it_was(world, settings, words) -> N
     assert not any(actor.alive for actor in world.actors)
 
 
+def test_an_actor_that_stays_keeps_neither_the_others_nor_the_clock(world) -> None:
+    with client.CarlaVehicle(client.CarlaSettings(), camera_rig(48, 80)):
+        world.sticky = 'sensor.other.imu'
+    assert [actor.name for actor in world.actors if actor.alive] == ['sensor.other.imu']
+    assert world.settings.synchronous_mode is False
+
+
 def test_a_camera_that_falls_silent_ends_the_drive_by_name(world) -> None:
     with client.CarlaVehicle(client.CarlaSettings(timeout_s=0.2), camera_rig(48, 80)) as vehicle:
         world.silent = 'sensor.other.imu'

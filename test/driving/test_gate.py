@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from raw2drive_ros.contract import Control, Decision
-from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.driving.gate import Gate, GateLimits, GateState, Moment
 from raw2drive_ros.driving.gate_limits import MotionLimits
 
@@ -439,13 +438,3 @@ def test_whatever_happens_the_command_is_valid_and_silence_stops_the_car(events,
             assert control.throttle == 0.0, (gate.state, gate.reason)
         if gate.state is GateState.EMERGENCY_STOP:
             assert control.brake >= limits.emergency_brake
-
-
-def test_missing_commands_are_held_and_then_braked() -> None:
-    policy = CommandPolicy(0.3, 0.6)
-    assert policy.missing(0).brake == 0.6
-    policy.accept(WANTED, 1_000_000_000)
-    assert policy.missing(1_200_000_000) == WANTED
-    stopping = policy.missing(1_400_000_000)
-    assert (stopping.throttle, stopping.brake, stopping.steer) == (0.0, 0.6, 0.2)
-    assert policy.missed == 3

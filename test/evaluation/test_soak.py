@@ -62,6 +62,12 @@ def test_leaks_are_found_and_what_only_warms_up_or_jitters_is_not() -> None:
     assert planner.highest == pytest.approx(206.0)
 
 
+def test_a_process_that_ends_is_judged_until_then() -> None:
+    rows = samples(1, 3.0, a__handles=lambda t: 5.0, b__handles=lambda t: 7.0)
+    rows[-1] = Sample(1, rows[-1].simulated_s, 0.0, 0, {'a/handles': 5.0})
+    assert {t.name: t.last for t in trends(rows)} == {'a/handles': 5.0, 'b/handles': 7.0}
+
+
 def test_each_start_is_judged_alone_and_short_ones_not_at_all() -> None:
     rows = samples(1, 1.9, a__memory_mib=lambda t: 9.0 * t) + samples(2, 3.0, a__memory_mib=lambda t: 500.0)
     assert [(t.part, t.steady) for t in trends(rows)] == [(2, True)]

@@ -5,6 +5,7 @@ Each target takes the bytes of a fuzzer. `seeds` are whole inputs to begin with.
 
 from __future__ import annotations
 
+import atexit
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -75,7 +76,9 @@ class Target:
 def scratch() -> Path:
     """A folder that is cleared by whoever uses it next; in memory where there is a place for that."""
     shared = Path('/dev/shm')
-    return Path(tempfile.mkdtemp(prefix='raw2drive_fuzz_', dir=shared if shared.is_dir() else None))
+    folder = Path(tempfile.mkdtemp(prefix='raw2drive_fuzz_', dir=shared if shared.is_dir() else None))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def _empty(name: str) -> Path:

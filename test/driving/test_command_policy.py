@@ -1,0 +1,16 @@
+"""The vehicle's end: the last command is held, then the car brakes."""
+
+from raw2drive_ros.contract import Control
+from raw2drive_ros.driving.command_policy import CommandPolicy
+
+WANTED = Control(0.5, 0.0, 0.2)
+
+
+def test_missing_commands_are_held_and_then_braked() -> None:
+    policy = CommandPolicy(0.3, 0.6)
+    assert policy.missing(0).brake == 0.6
+    policy.accept(WANTED, 1_000_000_000)
+    assert policy.missing(1_200_000_000) == WANTED
+    stopping = policy.missing(1_400_000_000)
+    assert (stopping.throttle, stopping.brake, stopping.steer) == (0.0, 0.6, 0.2)
+    assert policy.missed == 3
