@@ -172,17 +172,10 @@ def _print(found: list[Any]) -> None:
 
     if not found:
         return
-    table = Table(title='after warm-up, by simulated hour')
-    for column in ('part', 'what', 'first quarter', 'last quarter', 'highest', 'growth / h', 'allowed', ''):
-        table.add_column(column, justify='left' if column in ('what', '') else 'right', no_wrap=column in ('what', ''))
+    table = Table(title='medians of the first and last quarter after warm-up; growth by simulated hour', box=None)
+    for column in ('start: what', 'first', 'last', 'highest', 'growth/h', ''):
+        table.add_column(column, justify='left' if column in ('start: what', '') else 'right', no_wrap=True)
     for t in found:
-        row = (t.first, t.last, t.highest)
-        table.add_row(
-            str(t.part),
-            t.name,
-            *(f'{value:.4g}' for value in row),
-            f'{t.per_hour:+.3f}',
-            f'{t.allowed:g}',
-            'steady' if t.steady else 'GROWS',
-        )
+        values = (f'{value:.1f}' for value in (t.first, t.last, t.highest))
+        table.add_row(f'{t.part}: {t.name}', *values, f'{t.per_hour:+.2f}', 'steady' if t.steady else 'GROWS')
     Console().print(table)

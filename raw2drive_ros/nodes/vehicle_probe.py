@@ -38,6 +38,9 @@ from raw2drive_ros.nodes.quality import make_publisher, message_class
 from raw2drive_ros.nodes.runtime import NodeError, run_node
 from raw2drive_ros.timing import load_timing
 
+# Discovery takes a fraction of a second as a rule; on a busy machine it has taken more than the first of these.
+LOOK_S, LOOK_LONGER_S = 2.0, 6.0
+
 
 class VehicleProbeNode(Node):
     """Never publishes a command unless `allow_motion` is set."""
@@ -70,7 +73,10 @@ class VehicleProbeNode(Node):
         cameras = tuple(camera.name for camera in self.rig)
         self.names = expected(cameras, compressed=self.compressed)
         # Others have to be found before it can be said that they are not there.
-        _spin(executor, 2.0)
+        _spin(executor, LOOK_S)
+        deadline = time.monotonic() + LOOK_LONGER_S
+        while time.monotonic() < deadline and not all(map(self.count_publishers, self.names)) and rclpy.ok():
+            _spin(executor, 0.2)
         self._look_at_graph()
         for name in self.names:
             self._listen(name)
