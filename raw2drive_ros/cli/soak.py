@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from raw2drive_ros.cli.graph import Graph
     from raw2drive_ros.evaluation.soak import Sample
 
 EXAMPLES = """examples:
   raw2drive soak --hours 24 --out runs/soak          24 simulated hours, some six hours on two cores
   raw2drive soak --hours 24 --out runs/soak          again after Ctrl-C or a restart: the hours that are missing
+  raw2drive soak --hours 24 --graphs 2               two graphs that share the hours: sooner on two cores
   raw2drive soak --hours 0 --out runs/soak           only the verdict on what was measured already
 
 Bridge (all routes of a suite, again and again), planner, gate, and a recorder that keeps the last seconds in memory.
@@ -31,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', type=Path, default=Path('runs/soak'), help='folder of samples, logs and picture')
     parser.add_argument('--suite', default='b2d220', help='routes that are driven')
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
+    parser.add_argument('--graphs', type=int, default=1, help='graphs that run at once and share the hours (1)')
     parser.add_argument('--every', type=float, default=20.0, help='seconds (wall) between samples')
     parser.add_argument('--warm-up', type=float, default=1.0, help='simulated hours that are not judged')
     parser.add_argument('--domain', type=int, help='ROS domain (default: the first free one from 50 on)')
@@ -43,6 +43,8 @@ def run(options: argparse.Namespace) -> int:
 
     if options.hours < 0 or options.every <= 0 or options.warm_up < 0:
         raise UsageError('--hours and --warm-up must not be negative, --every must be positive')
+    if options.graphs < 1 or (options.graphs > 1 and options.domain is not None):
+        raise UsageError('--graphs must be at least 1, and several graphs choose their domains themselves')
     options.out.mkdir(parents=True, exist_ok=True)
     file = options.out / 'samples.jsonl'
     drop_half_line(file)
@@ -57,18 +59,75 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _soak(options: argparse.Namespace, file: Path, part: int, hours: float) -> None:
-    """One part: start the graph and sample it. Raises GraphError when a process ends."""
+    """Start the graphs, each a part of its own from `part` on, and sample them until they have driven `hours` together.
+
+    Raises GraphError when a process ends.
+    """
+    import time
+    from contextlib import ExitStack
+
     from raw2drive_ros.cli.graph import reserve_domain, running_graph
     from raw2drive_ros.cli.progress import bar
 
-    folder = options.out / f'part_{part:02d}'
-    with (
-        reserve_domain(options.domain) as domain,
-        running_graph(folder / 'logs', domain) as graph,
-        bar('soaking', round(hours * 3600.0), 'simulated seconds') as advance,
-    ):
-        _start(graph, folder, options)
-        _sample(graph, folder, options.every, part, hours * 3600.0, file, advance)
+    wanted_s = hours * 3600.0
+    with ExitStack() as stack:
+        parts = []
+        for number in range(part, part + options.graphs):
+            folder = options.out / f'part_{number:02d}'
+            domain = stack.enter_context(reserve_domain(options.domain))
+            parts.append(_Part(number, folder, stack.enter_context(running_graph(folder / 'logs', domain))))
+            _start(parts[-1].graph, folder, options)
+        advance = stack.enter_context(bar('soaking', round(wanted_s), 'simulated seconds'))
+        due, driven_s = 0.0, 0.0
+        while driven_s < wanted_s:
+            time.sleep(0.5)
+            for each in parts:
+                each.follow()
+            driven_s = sum(each.simulated_s for each in parts)
+            if time.monotonic() >= due or driven_s >= wanted_s:
+                due = time.monotonic() + options.every
+                for each in parts:
+                    each.sample(file)
+                notes = (f'{each.episodes} episodes, {each.ticks_per_s} ticks/s' for each in parts)
+                advance(min(driven_s, wanted_s), '; '.join(notes))
+
+
+class _Part:
+    """A graph, how far its bridge has driven, and what its processes hold."""
+
+    def __init__(self, number: int, folder: Path, graph: Graph) -> None:
+        import time
+
+        from raw2drive_ros.cli.graph_drive import Tail
+        from raw2drive_ros.timing import load_timing
+
+        self.number, self.folder, self.graph = number, folder, graph
+        self.progress, self.started = Tail(folder / 'progress.jsonl'), time.monotonic()
+        self.rate_hz = load_timing().decision_rate_hz
+        self.driven_ticks, self.episodes, self.simulated_s, self.ticks_per_s = 0, 0, 0.0, 0.0
+
+    def follow(self) -> None:
+        """Read on in the bridge's progress. Raises GraphError when a process has ended."""
+        self.graph.check()
+        for state in self.progress.new():
+            self.ticks_per_s = state['ticks_per_s']
+            self.simulated_s = (self.driven_ticks + state['ticks']) / self.rate_hz
+            if state['done']:
+                self.episodes, self.driven_ticks = self.episodes + 1, self.driven_ticks + state['ticks']
+
+    def sample(self, file: Path) -> None:
+        """Append what the graph's processes hold now."""
+        import time
+
+        from raw2drive_ros.cli.process_samples import folder_mib, process_values
+        from raw2drive_ros.evaluation.soak import Sample, append_sample
+
+        _drop_old(self.folder / 'snapshots')
+        values = {'graph/logs_mib': folder_mib(self.folder / 'logs')}
+        for name, process in self.graph.processes.items():
+            values |= process_values(name, process.pid)
+        wall_s = time.monotonic() - self.started
+        append_sample(file, Sample(self.number, self.simulated_s, wall_s, self.episodes, values))
 
 
 def _start(graph: Graph, folder: Path, options: argparse.Namespace) -> None:
@@ -91,43 +150,6 @@ def _start(graph: Graph, folder: Path, options: argparse.Namespace) -> None:
         'progress_file': str(folder / 'progress.jsonl'),
     }
     graph.start('bridge', bridge, sim_time=False)
-
-
-def _sample(
-    graph: Graph,
-    folder: Path,
-    every_s: float,
-    part: int,
-    wanted_s: float,
-    file: Path,
-    advance: Callable[..., Any],
-) -> None:
-    import time
-
-    from raw2drive_ros.cli.graph_drive import Tail
-    from raw2drive_ros.cli.process_samples import folder_mib, process_values
-    from raw2drive_ros.evaluation.soak import Sample, append_sample
-
-    progress, started = Tail(folder / 'progress.jsonl'), time.monotonic()
-    driven, due, episodes, simulated_s, rate = 0, started, 0, 0.0, 0.0
-    while simulated_s < wanted_s:
-        time.sleep(0.5)
-        graph.check()
-        for state in progress.new():
-            rate = state['ticks_per_s']
-            if state['done']:
-                episodes, driven = episodes + 1, driven + state['ticks']
-                simulated_s = driven / 10.0
-            else:
-                simulated_s = (driven + state['ticks']) / 10.0
-        if time.monotonic() >= due or simulated_s >= wanted_s:
-            due = time.monotonic() + every_s
-            _drop_old(folder / 'snapshots')
-            values = {'graph/logs_mib': folder_mib(folder / 'logs')}
-            for name, process in graph.processes.items():
-                values |= process_values(name, process.pid)
-            append_sample(file, Sample(part, simulated_s, time.monotonic() - started, episodes, values))
-            advance(min(simulated_s, wanted_s), f'{episodes} episodes, {rate} ticks/s')
 
 
 def _drop_old(snapshots: Path) -> None:
@@ -156,8 +178,8 @@ def _report(options: argparse.Namespace, samples: list[Sample]) -> int:
         return 1 if grown else 0
     _print(found)
     print(
-        f'{summed["simulated_h"]:.2f} simulated hours in {summed["wall_h"]:.2f} h, {summed["episodes"]} episodes, '
-        f'{summed["parts"]} starts; picture: {options.out / "soak.png"}'
+        f'{summed["simulated_h"]:.2f} simulated hours in {summed["wall_h"]:.2f} h of running graphs, '
+        f'{summed["episodes"]} episodes, {summed["parts"]} starts; picture: {options.out / "soak.png"}'
     )
     if not found:
         print(f'no verdict: no start lasted twice the warm-up of {options.warm_up:g} h')

@@ -22,6 +22,8 @@ def save_soak(path: Path, samples: Sequence[Sample]) -> None:
     """One panel per quantity, one line per process; a dotted line where the graph was started anew."""
     from matplotlib.figure import Figure
 
+    # Graphs that ran side by side wrote in turns.
+    samples = sorted(samples, key=lambda sample: sample.part)
     rows = -(-len(PANELS) // COLUMNS)
     figure = Figure(figsize=(COLUMNS * PANEL_INCHES[0], rows * PANEL_INCHES[1]), layout='constrained')
     axes = figure.subplots(rows, COLUMNS, squeeze=False).ravel()

@@ -91,11 +91,11 @@ def test_a_killed_writer_costs_its_last_line_and_nonsense_is_named(tmp_path) -> 
 
 def test_the_real_graph_is_soaked_and_goes_on_where_it_stopped(tmp_path, capsys) -> None:
     command = ['soak', '--out', str(tmp_path), '--every', '0.5', '--warm-up', '0', '--suite', 'dev10', '--json']
-    for part, hours in ((1, 0.002), (2, 0.004), (2, 0.001)):
-        code = main([*command, '--hours', str(hours)])
+    for parts, graphs, hours in ((1, 1, 0.002), (3, 2, 0.006), (3, 1, 0.001)):
+        code = main([*command, '--hours', str(hours), '--graphs', str(graphs)])
         told = json.loads(capsys.readouterr().out)
         assert code == (0 if told['steady'] else 1)
-        assert told['parts'] == part
+        assert told['parts'] == parts
         assert told['simulated_h'] >= hours
     quantities = {trend['name'] for trend in told['trends']}
     for process in ('bridge', 'planner', 'safety_gate', 'recorder'):
