@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.event_handler import (
+    PublisherEventCallbacks,
+    QoSPublisherEventType,
+    QoSSubscriptionEventType,
+    SubscriptionEventCallbacks,
+)
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -15,6 +22,17 @@ from msg_adapters.factory import RclpyFactory
 from raw2drive_ros import topics
 
 _FACTORY = RclpyFactory()
+# Two tuples: publishers' and subscriptions' events compare as numbers, and the same number means other things.
+_PUBLISHER_DISCOVERY = (
+    QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
+    QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
+)
+_SUBSCRIPTION_DISCOVERY = (
+    QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
+    QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
+)
+# Longer than any node's spin waits for, so that a spin begins in every window.
+_WINDOW_S, _PERIOD_S = 0.25, 1.0
 
 
 def message_class(msgtype: str) -> Any:
@@ -47,10 +65,33 @@ class LossCounter:
         return SubscriptionEventCallbacks(message_lost=on_lost)
 
 
+class _Seldom(ReentrantCallbackGroup):
+    """Looked at in one window of each second.
+
+    rclpy builds its wait set anew for nearly every message, and every event of every topic has its share in the cost.
+    """
+
+    def can_execute(self, entity: Any) -> bool:
+        return time.monotonic() % _PERIOD_S < _WINDOW_S
+
+
+def _look_seldom(endpoint: Any, events: tuple[Any, ...]) -> Any:
+    """Peers with another type or QoS are warned of as rclpy does, within some _PERIOD_S."""
+    group = _Seldom()
+    for handler in endpoint.event_handlers:
+        if handler.event_type in events:
+            handler.callback_group = group
+            group.add_entity(handler)
+    return endpoint
+
+
 def make_publisher(node: Node, topic: str) -> Publisher:
     spec = topics.BY_NAME[topic]
-    return node.create_publisher(
-        message_class(spec.msgtype), topic, profile_of(spec), event_callbacks=PublisherEventCallbacks()
+    return _look_seldom(
+        node.create_publisher(
+            message_class(spec.msgtype), topic, profile_of(spec), event_callbacks=PublisherEventCallbacks()
+        ),
+        _PUBLISHER_DISCOVERY,
     )
 
 
@@ -64,11 +105,14 @@ def make_subscription(
     depth: int | None = None,
 ) -> Subscription:
     spec = topics.BY_NAME[topic]
-    return node.create_subscription(
-        message_class(spec.msgtype),
-        topic,
-        callback,
-        profile_of(spec, depth),
-        raw=raw,
-        event_callbacks=losses.events(topic),
+    return _look_seldom(
+        node.create_subscription(
+            message_class(spec.msgtype),
+            topic,
+            callback,
+            profile_of(spec, depth),
+            raw=raw,
+            event_callbacks=losses.events(topic),
+        ),
+        _SUBSCRIPTION_DISCOVERY,
     )
