@@ -75,11 +75,15 @@ class RunFolder:
             self._board.add_scalar(name, value, step)
 
     def truncate(self, step: int) -> None:
-        """Drop metrics after `step`: they belong to work that the last kill lost."""
+        """Drop metrics after `step`, and half a line: they belong to work that the last kill lost."""
         file = self.path / 'metrics.jsonl'
-        if file.exists():
-            kept = [line for line in file.read_text().splitlines() if json.loads(line)['step'] <= step]
-            file.write_text(''.join(line + '\n' for line in kept))
+        if not file.exists():
+            return
+        text = file.read_text()
+        whole = text[: text.rfind('\n') + 1].splitlines()
+        partial = file.with_suffix('.partial')
+        partial.write_text(''.join(line + '\n' for line in whole if json.loads(line)['step'] <= step))
+        partial.replace(file)
 
 
 def set_threads(count: int) -> None:
@@ -130,10 +134,10 @@ def train(
     with folder.alone() if ranks.leads else nullcontext():
         if resumed is not None:
             state = load_checkpoint(resumed, trainer, replay)
-            if ranks.leads:
-                folder.truncate(trainer.steps)
             if state['stage'] != stage:
                 raise CheckpointError(f'{run}: is a {state["stage"]} run, not a {stage} one')
+        if ranks.leads:
+            folder.truncate(trainer.steps)
         facts = {
             'stage': stage,
             'teacher': str(teacher_run) if teacher_run else None,

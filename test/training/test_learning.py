@@ -128,17 +128,21 @@ def test_every_ablation_takes_a_step(replay, teacher_run, bag, overrides) -> Non
     assert all(value == value for value in metrics.values())
 
 
-def test_a_killed_run_resumes_to_the_same_weights(workspace, bags, tmp_path) -> None:
+@pytest.mark.parametrize(('killed_at', 'left'), [(10, '00000005'), (5, None)])
+def test_a_killed_run_resumes_to_the_same_weights(workspace, bags, tmp_path, killed_at, left) -> None:
     def dies(step: int, metrics: dict[str, float]) -> None:
-        if step == 10:
-            # After the log line of step 10, before its checkpoint: five steps are lost.
+        if step == killed_at:
+            # After the log line of this step, before its checkpoint: five steps are lost.
             raise KeyboardInterrupt
 
     arguments = [bags], workspace / 'cache', 15, 'nano', NANO
     whole = train('privileged', tmp_path / 'whole', *arguments)
     with pytest.raises(KeyboardInterrupt):
         train('privileged', tmp_path / 'parts', *arguments, report=dies)
-    assert newest_checkpoint(tmp_path / 'parts' / 'checkpoints').name == '00000005'
+    newest = newest_checkpoint(tmp_path / 'parts' / 'checkpoints')
+    assert (newest and newest.name) == left
+    with (tmp_path / 'parts' / 'metrics.jsonl').open('a') as file:
+        file.write('{"step": 11, "tim')
     parts = train('privileged', tmp_path / 'parts', *arguments)
     for name, module in whole.modules().items():
         other = parts.modules()[name].state_dict()
