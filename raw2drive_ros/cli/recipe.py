@@ -158,12 +158,18 @@ def failures_by_type(run: Path, index: int) -> dict[str, float]:
 def keep_if_best(run: Path, checkpoint: Path, score: dict[str, Any]) -> bool:
     """Copy a checkpoint to `run/best` when its `driving_score` beats that of the one there."""
     best = run / BEST
+    partial, old = best.with_suffix('.partial'), best.with_suffix('.old')
+    if not best.is_dir() and old.is_dir():
+        # A kill between the two renames below.
+        old.replace(best)
     if best.is_dir() and score['driving_score'] <= json.loads((best / 'score.json').read_text())['driving_score']:
         return False
-    partial = best.with_suffix('.partial')
-    shutil.rmtree(partial, ignore_errors=True)
+    for leftover in (partial, old):
+        shutil.rmtree(leftover, ignore_errors=True)
     shutil.copytree(checkpoint, partial)
     (partial / 'score.json').write_text(json.dumps(score))
-    shutil.rmtree(best, ignore_errors=True)
+    if best.is_dir():
+        best.replace(old)
     partial.replace(best)
+    shutil.rmtree(old, ignore_errors=True)
     return True

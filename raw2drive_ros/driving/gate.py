@@ -88,7 +88,8 @@ class Gate:
     _unclocked: int = 0
     _passed: Moment = field(default_factory=lambda: Moment(0.0, 0.0))
     _stopped: Moment = field(default_factory=lambda: Moment(0.0, 0.0))
-    _stopped_at_mps: float = 0.0
+    _slowed: Moment = field(default_factory=lambda: Moment(0.0, 0.0))
+    _slowed_to_mps: float = 0.0
     _crowded: str = ''
     _oscillation: Oscillation = field(init=False)
     _saturation: Saturation = field(init=False)
@@ -149,6 +150,8 @@ class Gate:
         """Leave any stop, so that the next valid proposal drives; returns why not, or ''."""
         if self._crowded:
             return self._crowded
+        if self.state is GateState.DRIVING:
+            return 'the car is driving already'
         if self.state in STOPS and self.speed_mps is not None and self._moves:
             return f'the car still drives at {self.speed_mps:.1f} m/s'
         self.state, self.reason = GateState.WAITING, 're-activated'
@@ -171,8 +174,9 @@ class Gate:
                 brake = min(self.limits.comfortable_brake, rising)
             case _:
                 brake = self.limits.emergency_brake
-        # A stop never brakes less than the planner did when it began.
-        return Control(0.0, max(brake, self.last_control.brake), self.last_control.steer)
+        # A stop never brakes less than the planner did when it began, and changes no gear of a moving car.
+        last = self.last_control
+        return Control(0.0, max(brake, last.brake), last.steer, last.reverse)
 
     # -- how it is judged -----------------------------------------------------------------------------
 
@@ -207,13 +211,12 @@ class Gate:
         silent = self._silent(now, limits.emergency_after_s)
         if silent:
             self._stop(GateState.EMERGENCY_STOP, silent, now)
-        elif (
-            self.speed_mps is not None
-            and self._moves
-            and self._since(self._stopped, now) > limits.slowing_after_s
-            and abs(self.speed_mps) > self._stopped_at_mps - limits.slowing_mps
-        ):
-            self._stop(GateState.EMERGENCY_STOP, 'the car does not slow down', now)
+        elif self.speed_mps is not None and self._moves and self._since(self._slowed, now) > limits.slowing_after_s:
+            # Again and again: brakes may fade, and hills begin.
+            if abs(self.speed_mps) > self._slowed_to_mps - limits.slowing_mps:
+                self._stop(GateState.EMERGENCY_STOP, 'the car does not slow down', now)
+            else:
+                self._slowed, self._slowed_to_mps = now, abs(self.speed_mps)
 
     def _watch_driving(self, now: Moment, back_s: float) -> None:
         limits, speed = self.limits, abs(self.speed_mps or 0.0)
@@ -254,7 +257,7 @@ class Gate:
             # The first cause is the one to look at.
             return
         self.state, self.reason, self._stopped = state, reason, now
-        self._stopped_at_mps = abs(self.speed_mps or 0.0)
+        self._slowed, self._slowed_to_mps = now, abs(self.speed_mps or 0.0)
         self._last_valid = self._last_valid or now
         self._count(state.value)
 

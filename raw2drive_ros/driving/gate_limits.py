@@ -39,15 +39,28 @@ def limited(
     before: the command that went out `dt_s` ago. speed_mps: signed, None where it is not known; limits that need it
     are then left out.
     """
+    wanted, gear_names = _gear(wanted, before, speed_mps, limits)
     push, pedal_names = _pedals(wanted, before, speed_mps, dt_s, limits)
     steer, steer_names = _steer(wanted.steer, before.steer, speed_mps, dt_s, limits)
-    names = pedal_names + steer_names
+    names = tuple(dict.fromkeys(gear_names + pedal_names + steer_names))
     if not names:
         return wanted, names
     if not pedal_names:
         return Control(wanted.throttle, wanted.brake, steer, wanted.reverse), names
     throttle, brake = max(push, 0.0) / limits.full_throttle_mps2, max(-push, 0.0) / limits.full_brake_mps2
     return Control(min(throttle, 1.0), min(brake, 1.0), steer, wanted.reverse), names
+
+
+def _gear(
+    wanted: Control, before: Control, speed_mps: float | None, limits: MotionLimits
+) -> tuple[Control, tuple[str, ...]]:
+    """A fast car keeps its gear, and has no throttle while the other one is asked for."""
+    if speed_mps is not None and abs(speed_mps) > limits.max_gear_speed_mps and wanted.reverse != (speed_mps < 0.0):
+        return Control(0.0, wanted.brake, wanted.steer, speed_mps < 0.0), ('gear',)
+    if wanted.reverse != before.reverse and _push(before, limits) > 0.0 and limits.max_jerk_mps3 < math.inf:
+        # The same throttle in the other gear is the opposite acceleration: first it has to come down in this one.
+        return Control(0.0, wanted.brake, wanted.steer, before.reverse), ('jerk',)
+    return wanted, ()
 
 
 def _push(control: Control, limits: MotionLimits) -> float:
@@ -68,16 +81,10 @@ def _pedals(
     if abs(push - old) > step:
         push = old + math.copysign(step, push - old)
         names.append('jerk')
-    # Last, because no rate may keep the throttle down on a car that is too fast or in the wrong gear.
-    if speed_mps is not None and push > 0.0:
-        if abs(speed_mps) > limits.max_speed_mps:
-            push = 0.0
-            names.append('speed')
-        elif (speed_mps > limits.max_gear_speed_mps and wanted.reverse) or (
-            speed_mps < -limits.max_gear_speed_mps and not wanted.reverse
-        ):
-            push = 0.0
-            names.append('gear')
+    # Last, because no rate may keep the throttle down on a car that is too fast.
+    if speed_mps is not None and push > 0.0 and abs(speed_mps) > limits.max_speed_mps:
+        push = 0.0
+        names.append('speed')
     return push, tuple(names)
 
 

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 from raw2drive_ros.contract import Control
 
+# Odometry of a standing car is noise of either sign.
+STANDING_MPS = 0.1
+
 
 @dataclass(frozen=True, slots=True)
 class CarFigures:
@@ -32,9 +35,9 @@ def motion_of(control: Control, speed_mps: float, car: CarFigures, horizon_s: fl
     """What `control` does to a car that drives at `speed_mps` within `horizon_s`, on a kinematic bicycle.
 
     The brake takes speed away and never turns it round: its target ends at 0, its acceleration does not, so that a
-    car that follows accelerations stops as hard as it is asked to.
+    car that follows accelerations stops as hard as it is asked to. On a standing car it points against the gear.
     """
-    backwards = speed_mps < 0.0 or (speed_mps == 0.0 and control.reverse)
+    backwards = _backwards(control, speed_mps)
     push_mps2 = control.throttle * car.full_throttle_mps2 * (-1.0 if control.reverse else 1.0)
     drag_mps2 = control.brake * car.full_brake_mps2
     pushed_mps = speed_mps + push_mps2 * horizon_s
@@ -49,7 +52,15 @@ def motion_of(control: Control, speed_mps: float, car: CarFigures, horizon_s: fl
     )
 
 
-def standstill(control: Control, car: CarFigures) -> Motion:
-    """Speed 0 and the brake of `control` (full where it has none): what is asked when the car's speed is unknown."""
-    brake = control.brake or 1.0
-    return Motion(0.0, -brake * car.full_brake_mps2, control.steer * car.max_steer_rad, 0.0)
+def standstill(control: Control, car: CarFigures, last_mps: float = 0.0) -> Motion:
+    """Speed 0 and the brake of `control` (full where it has none): what is asked when the car's speed is unknown.
+
+    last_mps: the speed that was known last, for the sign of the brake's acceleration.
+    """
+    brake = (control.brake or 1.0) * car.full_brake_mps2
+    backwards = _backwards(control, last_mps)
+    return Motion(0.0, brake if backwards else -brake, control.steer * car.max_steer_rad, 0.0)
+
+
+def _backwards(control: Control, speed_mps: float) -> bool:
+    return speed_mps < -STANDING_MPS or (speed_mps <= STANDING_MPS and control.reverse)

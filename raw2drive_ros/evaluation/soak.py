@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -127,8 +128,7 @@ def drop_half_line(path: Path) -> None:
     """Cut off what a killed writer left of its last line."""
     if path.exists():
         data = path.read_bytes()
-        if not data.endswith(b'\n'):
-            path.write_bytes(data[: data.rfind(b'\n') + 1])
+        os.truncate(path, data.rfind(b'\n') + 1)
 
 
 def to_json(trend: Trend) -> dict[str, Any]:

@@ -97,9 +97,10 @@ class CommandAdapterNode(Node):
         fresh = self.policy.last is not None and not self.policy.expired(now_ns)
         control = self.policy.last if fresh and self.policy.last is not None else self.policy.missing(now_ns)
         known = now_ns - self.speed_ns <= self.speed_good_ns
-        motion = (
-            motion_of(control, self.speed_mps, self.car, self.horizon_s) if known else standstill(control, self.car)
-        )
+        if known:
+            motion = motion_of(control, self.speed_mps, self.car, self.horizon_s)
+        else:
+            motion = standstill(control, self.car, self.speed_mps)
         self._say('' if fresh and known else 'no odometry: asking for a standstill' if fresh else 'no command: braking')
         stamp_ns = self.get_clock().now().nanoseconds
         self.output.publish(self.adapter.make(self.factory, control, motion, stamp_ns))

@@ -34,6 +34,7 @@ class CommandWait:
     def begin(self) -> None:
         """A new episode: nothing is held, and the schedule of real time starts now."""
         self.policy.reset()
+        self.answer = None
         self.due = time.perf_counter()
 
     def _on_command(self, message: Any) -> None:

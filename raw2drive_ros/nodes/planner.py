@@ -118,6 +118,15 @@ class PlannerNode(LifecycleNode):
         self._stop_listening()
         return super().on_deactivate(state)
 
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """From any state, active too: nothing more is proposed."""
+        self._stop_listening()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._stop_listening()
+        return super().on_error(state)
+
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._stop_listening()
         self.planner = self.inputs = None

@@ -62,7 +62,10 @@ class RunFolder:
     def save_config(self, config: RunConfig, facts: dict[str, Any]) -> None:
         self.path.mkdir(parents=True, exist_ok=True)
         body = {'config': config.model_dump(mode='json')} | facts
-        (self.path / 'config.json').write_text(json.dumps(body, indent=2))
+        # Without it no checkpoint can be resumed.
+        partial = self.path / 'config.partial'
+        partial.write_text(json.dumps(body, indent=2))
+        partial.replace(self.path / 'config.json')
 
     def log(self, step: int, metrics: dict[str, float]) -> None:
         with (self.path / 'metrics.jsonl').open('a') as file:

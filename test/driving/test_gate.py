@@ -261,6 +261,17 @@ def test_a_car_that_does_not_slow_down_is_braked_hard(speeds, state) -> None:
         assert gate.reason == 'the car does not slow down'
 
 
+@pytest.mark.parametrize(('later', 'state'), [(4.0, GateState.COMFORTABLE_STOP), (4.1, GateState.EMERGENCY_STOP)])
+def test_brakes_that_fade_after_a_while_are_noticed(later, state) -> None:
+    gate = driving_gate()
+    gate.observe(5.0, at(0.0))
+    gate.tick(at(0.31))
+    for i in range(4, 47):
+        gate.propose(proposal(0.1 * i), at(0.1 * i))
+        gate.observe(4.5 if i < 30 else later, at(0.1 * i))
+    assert gate.state is state
+
+
 def test_a_stop_without_odometry_goes_by_time_alone() -> None:
     gate = driving_gate()
     gate.tick(at(0.31))
@@ -327,6 +338,12 @@ def test_stops_are_latched_until_re_activation() -> None:
     assert gate.propose(proposal(0.1), at(0.3)) == WANTED, 'a new start does not look at old stamps'
 
 
+def test_a_stop_changes_no_gear() -> None:
+    gate = driving_gate()
+    gate.propose(proposal(0.1, Control(0.2, 0.0, 0.0, reverse=True)), at(0.1))
+    assert gate.refuse('x', at(0.2)) == Control(0.0, 0.6, 0.0, reverse=True)
+
+
 def test_a_moving_car_is_not_re_activated() -> None:
     gate = driving_gate()
     gate.observe(-0.4, at(0.1))
@@ -336,7 +353,9 @@ def test_a_moving_car_is_not_re_activated() -> None:
     assert gate.activate() == ''
     gate.propose(proposal(0.4), at(0.4))
     gate.observe(3.0, at(0.4))
-    assert gate.activate() == '', 'who is not stopped may be asked to start anew'
+    assert gate.activate() == 'the car is driving already'
+    assert gate.state is GateState.DRIVING
+    assert gate.tick(at(0.5)) == gate.last_control, 'nothing changes for a car that drives'
 
 
 def test_re_activation_forgets_swings_lock_and_odometry() -> None:

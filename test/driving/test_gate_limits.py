@@ -41,7 +41,8 @@ def test_no_limits_change_nothing(speed, reverse) -> None:
         (Control(0.0, 0.0, -0.9), {'max_steer_rate_1ps': 2.0}, Control(0.0, 0.0, -0.2), 'steer_rate'),
         (Control(1.0), {'max_speed_mps': 4.9}, STILL, 'speed'),
         (Control(0.1), {'max_speed_mps': 4.9}, STILL, 'speed'),
-        (Control(1.0, 0.0, 0.0, True), {'max_gear_speed_mps': 1.0}, Control(reverse=True), 'gear'),
+        (Control(1.0, 0.0, 0.0, True), {'max_gear_speed_mps': 1.0}, Control(), 'gear'),
+        (Control(0.0, 0.5, 0.0, True), {'max_gear_speed_mps': 1.0}, Control(0.0, 0.5), 'gear'),
     ],
 )
 def test_each_limit_cuts_to_its_value(wanted, limits, expected, name) -> None:
@@ -94,7 +95,20 @@ def test_the_gear_is_changed_only_when_slow(speed, reverse, changed) -> None:
     answer, names = one(Control(0.5, 0.0, 0.0, reverse), STILL, speed, max_gear_speed_mps=1.0)
     assert names == (('gear',) if changed else ())
     assert answer.throttle == (0.0 if changed else 0.5)
-    assert answer.reverse is reverse
+    assert answer.reverse is (speed < 0.0 if changed else reverse)
+
+
+def test_the_throttle_comes_down_before_the_gear_changes() -> None:
+    wanted, limits = Control(1.0, 0.0, 0.0, reverse=True), {'speed_mps': 0.0, 'max_jerk_mps3': 20.0}
+    seen = [Control(1.0)]
+    for _ in range(6):
+        seen.append(one(wanted, seen[-1], **limits)[0])
+    assert [c.reverse for c in seen] == [False, False, False, False, True, True, True]
+    assert [c.throttle for c in seen] == pytest.approx([1.0, 0.6, 0.2, 0.0, 0.4, 0.8, 1.0])
+    assert not any(c.brake for c in seen)
+    assert one(wanted, Control(1.0), **limits)[1] == one(wanted, Control(0.1), **limits)[1] == ('jerk',)
+    held = Control(0.0, 0.3, 0.0, reverse=True)
+    assert one(held, Control(0.0, 0.3), **limits) == (held, ()), 'a standing car may change it on the brake'
 
 
 def test_a_car_with_weak_pedals_gets_no_more_than_full_ones() -> None:
@@ -133,7 +147,10 @@ LIMIT = st.floats(0.01, 100.0)
 def test_any_command_stays_a_command_and_within_its_rates(wanted, before, speed, dt_s, limits) -> None:
     answer, names = limited(wanted, before, speed, dt_s, limits)
     answer.validate()
-    assert answer.reverse == wanted.reverse
+    if answer.reverse != wanted.reverse:
+        assert answer.throttle <= before.throttle
+        assert 'gear' in names or 'jerk' in names
+    assert answer.throttle == 0.0 or wanted.throttle > 0.0 or 'jerk' in names
     assert abs(answer.steer - before.steer) <= limits.max_steer_rate_1ps * dt_s + 1e-9
     if speed is not None and abs(speed) > limits.max_speed_mps:
         push = answer.throttle * limits.full_throttle_mps2 - answer.brake * limits.full_brake_mps2
