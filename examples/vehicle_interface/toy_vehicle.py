@@ -137,12 +137,13 @@ class ToyVehicle(Node):
         self.outputs = {name: make_publisher(self, name) for name in names}
         make_subscription(self, topics.COMMAND, self.on_command, LossCounter())
         self.ticks = 0
+        self.started_ns = self.get_clock().now().nanoseconds
         self.say_once()
         self.create_timer(1.0 / PHYSICS_HZ, self.tick, clock=steady_clock())
 
     def say_once(self) -> None:
         """Mounting poses, latched."""
-        stamp_ns = self.get_clock().now().nanoseconds
+        stamp_ns = self.started_ns
         mounts = {topics.extrinsics_topic(c.name): (c.base_from_camera, optical_frame(c.name)) for c in self.cameras}
         imu = np.eye(4)
         imu[0, 3] = self.settings['vehicle']['imu_x_m']
@@ -167,7 +168,7 @@ class ToyVehicle(Node):
         if self.ticks % (PHYSICS_HZ // 10) == 0:
             self.publish_cameras(stamp_ns)
         if self.ticks % PHYSICS_HZ == 0:
-            route = Route(1, np.array(self.settings['route_m']))
+            route = Route(self.started_ns, np.array(self.settings['route_m']))
             self.outputs[topics.ROUTE].publish(route_to_message(self.factory, route))
         self.ticks += 1
 

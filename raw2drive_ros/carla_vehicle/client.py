@@ -79,7 +79,8 @@ class CarlaVehicle:
         self.collector = FrameCollector(('imu', *(camera.name for camera in rig)), settings.timeout_s)
         try:
             self._make()
-        except Exception:
+        except BaseException:
+            # Ctrl-C too: a server left in synchronous mode waits for ever.
             self.close()
             raise
 

@@ -8,6 +8,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+# The probe brakes until the car stands before it ends.
+BRAKE_WITHIN_S = 8.0
+
 EXAMPLES = """examples:
   raw2drive check-vehicle --domain 12                 listens only
   raw2drive check-vehicle --domain 12 --allow-motion  also brakes, drives, steers, falls silent, sends NaN:
@@ -49,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
             'report': str(report),
         }
         with running_graph(Path(folder), options.domain) as graph:
-            graph.start('vehicle_probe', parameters, sim_time=options.sim_time)
+            graph.start('vehicle_probe', parameters, sim_time=options.sim_time, end_within_s=BRAKE_WITHIN_S)
             graph.processes['vehicle_probe'].wait()
             if not report.is_file():
                 raise GraphError(f'vehicle_probe: {graph.last_words("vehicle_probe")}')

@@ -40,7 +40,7 @@ class UsageError(ValueError):
 
 
 class Terminated(BaseException):
-    """SIGTERM: unwinds like Ctrl-C, so that everything is closed."""
+    """SIGTERM, or SIGHUP from a terminal that is closed: unwinds like Ctrl-C, so that everything is closed."""
 
 
 def _on_sigterm(number: int, frame: FrameType | None) -> None:
@@ -50,6 +50,9 @@ def _on_sigterm(number: int, frame: FrameType | None) -> None:
 def guarded(run: Callable[[argparse.Namespace], int], options: argparse.Namespace) -> int:
     """Run a verb; returns its exit code."""
     signal.signal(signal.SIGTERM, _on_sigterm)
+    # nohup ignores it, and that is to stay so.
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, _on_sigterm)
     try:
         return run(options)
     except KeyboardInterrupt:

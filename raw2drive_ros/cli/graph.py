@@ -55,15 +55,25 @@ def reserve_domain(wanted: int | None, lock_folder: Path = Path('/tmp')) -> Iter
 
 @dataclass(slots=True)
 class Graph:
-    """Processes by name, each in its own group, each logging to `<folder>/<name>.log`."""
+    """Processes by name, each in its own group, each logging to `<folder>/<name>.log`.
+
+    patience_s: how long those that need more than END_WITHIN_S may take to end.
+    """
 
     folder: Path
     environment: dict[str, str]
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     logs: list[IO[bytes]] = field(default_factory=list)
+    patience_s: dict[str, float] = field(default_factory=dict)
 
     def start(
-        self, name: str, parameters: dict[str, Any], *, sim_time: bool = True, remap: dict[str, str] | None = None
+        self,
+        name: str,
+        parameters: dict[str, Any],
+        *,
+        sim_time: bool = True,
+        remap: dict[str, str] | None = None,
+        end_within_s: float = END_WITHIN_S,
     ) -> None:
         """`python -m raw2drive_ros.nodes.<name>` with ROS parameters; remap: topic -> the one to use in its place."""
         command = [sys.executable, '-m', f'raw2drive_ros.nodes.{name}', '--ros-args']
@@ -77,6 +87,7 @@ class Graph:
         self.folder.mkdir(parents=True, exist_ok=True)
         log = (self.folder / f'{name}.log').open('wb')
         self.logs.append(log)
+        self.patience_s[name] = end_within_s
         self.processes[name] = subprocess.Popen(
             command,
             env=self.environment,
@@ -113,14 +124,14 @@ class Graph:
         self.logs.clear()
 
     def _interrupt(self, names: list[str]) -> None:
-        running = [self.processes[n] for n in names if self.processes[n].poll() is None]
-        for process in running:
+        running = {n: self.processes[n] for n in names if self.processes[n].poll() is None}
+        for process in running.values():
             with contextlib.suppress(ProcessLookupError):
                 process.send_signal(signal.SIGINT)
-        deadline = time.monotonic() + END_WITHIN_S
-        for process in running:
+        started = time.monotonic()
+        for name, process in running.items():
             try:
-                process.wait(max(0.0, deadline - time.monotonic()))
+                process.wait(max(0.0, started + self.patience_s.get(name, END_WITHIN_S) - time.monotonic()))
             except subprocess.TimeoutExpired:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)

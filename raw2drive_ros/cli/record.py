@@ -30,10 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.single import run_single
-    from raw2drive_ros.recording.bag_writer import BagExistsError
+    from raw2drive_ros.recording.bag_writer import require_new
 
-    if options.out.exists():
-        raise BagExistsError(f'{options.out} exists already; choose another name or remove it')
+    require_new(options.out)
     parameters = {
         'bag': str(options.out.resolve()),
         'provenance': json.dumps({'note': options.note}),

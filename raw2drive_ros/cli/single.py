@@ -8,14 +8,16 @@ import time
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros.cli.graph import GraphError, running_graph
+from raw2drive_ros.cli.graph import END_WITHIN_S, GraphError, running_graph
 
 
-def run_single(nodes: dict[str, dict[str, Any]], domain: int, *, sim_time: bool = True) -> int:
+def run_single(
+    nodes: dict[str, dict[str, Any]], domain: int, *, sim_time: bool = True, end_within_s: float = END_WITHIN_S
+) -> int:
     """Start each node with its parameters, pass their log lines on, and end them all together."""
     with tempfile.TemporaryDirectory(prefix='raw2drive_') as folder, running_graph(Path(folder), domain) as graph:
         for name, parameters in nodes.items():
-            graph.start(name, parameters, sim_time=sim_time)
+            graph.start(name, parameters, sim_time=sim_time, end_within_s=end_within_s)
         print(f'{", ".join(nodes)} running in ROS domain {domain}; Ctrl-C ends', file=sys.stderr)
         offsets = dict.fromkeys(nodes, 0)
         while True:

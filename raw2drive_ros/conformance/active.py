@@ -16,7 +16,9 @@ BRAKE = Control(0.0, 0.6, 0.0)
 GO = Control(0.3, 0.0, 0.0)
 # A car that drives may have this much left after it was asked to stand.
 STANDING_MPS = 0.3
-SLOWER_MPS = 0.5
+FASTER_MPS = 0.5
+# The brake of silence, as a share of that of a command: a car that only coasts does not brake.
+BRAKING_SHARE = 0.4
 TURNING_RADPS = 0.02
 
 
@@ -59,12 +61,28 @@ def stands(trial: Trial) -> bool:
     return len(recent) >= 5 and trial.times_s[-1] >= LOOK_S and max(map(abs, recent)) < STANDING_MPS / 3
 
 
+def ends_standing(trial: Trial) -> bool:
+    """Nobody who was not seen to stand does."""
+    return bool(trial.speeds_mps) and abs(trial.speeds_mps[-1]) < STANDING_MPS
+
+
 def judge_trials(trials: list[Trial]) -> list[Verdict]:
     """A verdict per trial, in their order."""
-    return [_judge(trial) for trial in trials]
+    asked = [deceleration(trial) for trial in trials if trial.name == 'brake stops']
+    return [_judge(trial, asked[0] if asked else 0.0) for trial in trials]
 
 
-def _judge(trial: Trial) -> Verdict:
+def deceleration(trial: Trial, after_s: float = 0.0) -> float:
+    """Mean from `after_s` until the car stands, m/s2; 0 where it stood already."""
+    points = [(t, abs(v)) for t, v in zip(trial.times_s, trial.speeds_mps, strict=True) if t >= after_s]
+    if not points or points[0][1] < STANDING_MPS:
+        return 0.0
+    last = next((point for point in points if point[1] < STANDING_MPS), points[-1])
+    lasted_s = last[0] - points[0][0]
+    return (points[0][1] - last[1]) / lasted_s if lasted_s > 0.0 else 0.0
+
+
+def _judge(trial: Trial, asked_mps2: float) -> Verdict:
     if len(trial.speeds_mps) < 3:
         return Verdict(trial.name, 'error', 'no odometry during the trial', 'odometry must go on while driving')
     text = (
@@ -72,15 +90,11 @@ def _judge(trial: Trial) -> Verdict:
         f'yaw rate {float(np.mean(trial.yaw_rates_radps)):+.2f} rad/s'
     )
     good, remedy = CHECKS[trial.name](trial)
+    if good and trial.name in BY_ITSELF:
+        found_mps2 = deceleration(trial, load_timing().command_hold_s)
+        text += f', braking at {found_mps2:.1f} m/s2'
+        good = found_mps2 >= BRAKING_SHARE * asked_mps2
     return Verdict(trial.name, 'passed' if good else 'error', text, '' if good else remedy)
-
-
-def _stops(trial: Trial) -> bool:
-    """From the hold time on, the car gets slower, and stands at the end or is far slower."""
-    hold_s = load_timing().command_hold_s
-    later = [speed for t, speed in zip(trial.times_s, trial.speeds_mps, strict=True) if t >= hold_s + 1.0]
-    start = max(trial.speeds_mps[:3])
-    return bool(later) and (abs(later[-1]) < STANDING_MPS or abs(later[-1]) < start - SLOWER_MPS)
 
 
 def _turns(trial: Trial) -> float:
@@ -88,16 +102,20 @@ def _turns(trial: Trial) -> float:
     return float(np.mean(trial.yaw_rates_radps[len(trial.yaw_rates_radps) // 2 :]))
 
 
+BY_ITSELF = ('silence stops', 'NaN is refused', 'absurd values are refused')
 CHECKS: dict[str, Callable[[Trial], tuple[bool, str]]] = {
     'brake holds': lambda t: (max(map(abs, t.speeds_mps)) < STANDING_MPS, 'the brake must hold a standing car'),
     'throttle drives forward': lambda t: (
-        t.speeds_mps[-1] > t.speeds_mps[0] + SLOWER_MPS,
+        t.speeds_mps[-1] > t.speeds_mps[0] + FASTER_MPS,
         'positive throttle drives forward, and forward speed is positive (REP-103)',
     ),
     'steer left': lambda t: (_turns(t) > TURNING_RADPS, 'positive steer turns LEFT, positive yaw rate (REP-103)'),
     'steer right': lambda t: (_turns(t) < -TURNING_RADPS, 'negative steer turns right, negative yaw rate (REP-103)'),
-    'brake stops': lambda t: (abs(t.speeds_mps[-1]) < STANDING_MPS, 'brake 0.6 must stop the car within 4 s'),
-    'silence stops': lambda t: (_stops(t), f'hold a command for {load_timing().command_hold_s} s at most, then brake'),
-    'NaN is refused': lambda t: (_stops(t), 'a command that is not finite is no command: as in silence, brake'),
-    'absurd values are refused': lambda t: (_stops(t), 'a command out of range is no command: as in silence, brake'),
+    'brake stops': lambda t: (ends_standing(t), 'brake 0.6 must stop the car within 4 s'),
+    'silence stops': lambda t: (
+        ends_standing(t),
+        f'hold a command for {load_timing().command_hold_s} s at most, then brake as for brake 0.6',
+    ),
+    'NaN is refused': lambda t: (ends_standing(t), 'a command that is not finite is no command: brake as in silence'),
+    'absurd values are refused': lambda t: (ends_standing(t), 'a command out of range is none: brake as in silence'),
 }

@@ -32,5 +32,5 @@ class CommandPolicy:
         self.missed += 1
         if self.last is not None and not self.expired(stamp_ns):
             return self.last
-        steer = self.last.steer if self.last is not None else 0.0
-        return Control(0.0, self.brake, steer)
+        last = self.last or Control()
+        return Control(0.0, self.brake, last.steer, last.reverse)

@@ -79,18 +79,18 @@ class RawPlanner:
         self.rig_checked = False
 
     def add_image(self, camera: str, stamp_ns: int, image: Image8, now_ns: int) -> Decision | None:
-        if not self.monitor.heard(camera, stamp_ns):
+        if not self.monitor.heard(camera, stamp_ns, now_ns):
             return None
         return self._decide(self.assembler.add_image(camera, stamp_ns, image), now_ns)
 
     def add_imu(self, sample: ImuSample, now_ns: int) -> Decision | None:
-        if not self.monitor.heard('imu', sample.stamp_ns):
+        if not self.monitor.heard('imu', sample.stamp_ns, now_ns):
             return None
         self.monitor.imu(sample)
         return self._decide(self.assembler.add_imu(sample), now_ns)
 
     def add_odometry(self, sample: OdometrySample, now_ns: int) -> Decision | None:
-        if not self.monitor.heard('odometry', sample.stamp_ns):
+        if not self.monitor.heard('odometry', sample.stamp_ns, now_ns):
             return None
         return self._decide(self.assembler.add_odometry(sample), now_ns)
 

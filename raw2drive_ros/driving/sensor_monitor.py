@@ -78,6 +78,7 @@ class SensorMonitor:
     limits: MonitorLimits = field(default_factory=MonitorLimits)
     counts: dict[str, int] = field(default_factory=dict)
     _heard_ns: dict[str, int] = field(default_factory=dict)
+    _ahead_ns: dict[str, int] = field(default_factory=dict)
     _eyes: dict[str, _Camera] = field(default_factory=dict)
     _frames_ns: deque[int] = field(default_factory=deque)
     _refused: dict[str, tuple[int, str]] = field(default_factory=dict)
@@ -88,6 +89,7 @@ class SensorMonitor:
     def reset(self) -> None:
         """A new beginning, as after a jump of time; counts stay."""
         self._heard_ns.clear()
+        self._ahead_ns.clear()
         self._eyes.clear()
         self._frames_ns.clear()
         self._refused.clear()
@@ -98,8 +100,15 @@ class SensorMonitor:
         """From now on inputs are expected; silence counts from here."""
         self._started_ns = now_ns
 
-    def heard(self, name: str, stamp_ns: int) -> bool:
-        """A message of an input (a camera, `imu`, `odometry`); False for one that is older than the one before."""
+    def heard(self, name: str, stamp_ns: int, now_ns: int) -> bool:
+        """A message of an input (a camera, `imu`, `odometry`) at `now_ns` of ROS time; False for one that is older than
+        the one before, and for one of the future, which may not make all that follow look old."""
+        ahead_ns = stamp_ns - now_ns
+        if ahead_ns > round(self.limits.age_s * 1e9):
+            self._count(f'{name}_early')
+            self._ahead_ns[name] = ahead_ns
+            return False
+        self._ahead_ns.pop(name, None)
         if stamp_ns < self._heard_ns.get(name, stamp_ns):
             self._count(f'{name}_out_of_order')
             return False
@@ -154,8 +163,9 @@ class SensorMonitor:
             silent_ns = now_ns - last_ns
             silent_s = silent_ns * 1e-9
             kind = f'camera {name}' if name in self.cameras else name
-            if silent_ns < -allowed_ns:
-                cause = f'{kind}: stamps are {-silent_s:.2f} s ahead of ROS time'
+            ahead_ns = max(-silent_ns, self._ahead_ns.get(name, 0))
+            if ahead_ns > allowed_ns:
+                cause = f'{kind}: stamps are {ahead_ns * 1e-9:.2f} s ahead of ROS time'
                 found.append(Finding(Health.STOP, cause, 'do both clocks agree, is use_sim_time the same everywhere?'))
             if silent_ns > allowed_ns:
                 refused = self._refused.get(name)

@@ -51,9 +51,6 @@ class CarlaBridgeNode(Node):
         compressed = wants_compressed(p['image_transport'])
         rig = load_bundle(Path(p['bundle']) if p['bundle'] else default_bundle()).rig
         names = ('host', 'port', 'timeout_s', 'town', 'vehicle', 'spawn_point', 'route_m', 'seed')
-        self.vehicle = CarlaVehicle(CarlaSettings(**{name: p[name] for name in names}, imu_x_m=IMU_X_M), rig)
-        if self.vehicle.versions[0] != self.vehicle.versions[1]:
-            self.get_logger().warning('client {} and server {} differ'.format(*self.vehicle.versions))
         self.max_ticks = int(p['max_ticks'])
         self.messages = TickMessages(RclpyFactory(), rig, compressed=compressed)
         self.losses = LossCounter()
@@ -64,7 +61,11 @@ class CarlaBridgeNode(Node):
         }
         self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
+        # Last: whatever fails before it leaves nothing on the server, and it cleans up after itself.
+        self.vehicle = CarlaVehicle(CarlaSettings(**{name: p[name] for name in names}, imu_x_m=IMU_X_M), rig)
         self.create_timer(1.0, self.diagnostics.publish, clock=steady_clock())
+        if self.vehicle.versions[0] != self.vehicle.versions[1]:
+            self.get_logger().warning('client {} and server {} differ'.format(*self.vehicle.versions))
 
     def run(self, executor: SingleThreadedExecutor) -> None:
         """Tick the server until the context ends; the first ticks stand on the brake."""

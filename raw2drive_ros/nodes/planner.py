@@ -63,6 +63,7 @@ class PlannerNode(LifecycleNode):
         self.inputs: PlannerInputs | None = None
         self.failure = ''
         self.logged: list[str] = []
+        self.newest_ns = 0
         self.refusal_logged: dict[str, float] = {}
         self._inputs: list[Any] = []
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
@@ -163,15 +164,24 @@ class PlannerNode(LifecycleNode):
             self.get_logger().error(f'{name} refused: {why}')
 
     def _on_jump(self, jump: Any) -> None:
-        self.get_logger().warning(f'ROS time went back by {-jump.delta.nanoseconds * 1e-9:.1f} s; starting anew')
+        self._start_anew(-jump.delta.nanoseconds * 1e-9)
+
+    def _start_anew(self, back_s: float) -> None:
+        self.newest_ns = self._now_ns()
+        self.get_logger().warning(f'ROS time went back by {back_s:.1f} s; starting anew')
         if self.planner is not None:
-            self.planner.start(self._now_ns(), same_vehicle=True)
+            self.planner.start(self.newest_ns, same_vehicle=True)
 
     def _watch(self) -> None:
         """What is wrong with the sensors is logged and published when it changes."""
         if not self._inputs or self.planner is None:
             return
-        self.planner.look(self._now_ns())
+        # rclpy tells of jumps of simulated time only; a system clock may be set as well.
+        back_s = (self.newest_ns - self._now_ns()) * 1e-9
+        if back_s > BACK_S:
+            self._start_anew(back_s)
+        self.newest_ns = self._now_ns()
+        self.planner.look(self.newest_ns)
         subjects = [finding.subject for finding in self.planner.findings]
         if subjects != self.logged:
             self.logged = subjects

@@ -16,7 +16,7 @@ from raw2drive_ros import topics
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import make_publisher
 from raw2drive_ros.nodes.runtime import NodeError, run_node
-from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag
+from raw2drive_ros.recording.bag_reader import BagError, begin_ns, messages_in, open_bag
 
 SEEK, END, ENDED = 'seek', 'end', 'interrupted'
 POLL_S = 0.05
@@ -91,9 +91,11 @@ class PlayerNode(Node):
             executor.spin_once(timeout_sec=0.1)
 
     def _play(self, reader: Any, connections: list[Any], executor: SingleThreadedExecutor) -> str:
-        start_ns = reader.start_time + round(float(self.get_parameter('start_s').value or 0.0) * 1e9)
+        begins_ns = begin_ns(reader)
+        start_ns = begins_ns + round(float(self.get_parameter('start_s').value or 0.0) * 1e9)
         if start_ns > reader.end_time:
-            raise NodeError(f'start_s is beyond the end of the bag, which lasts {reader.duration * 1e-9:.1f} s')
+            lasts_s = (reader.end_time - begins_ns) * 1e-9
+            raise NodeError(f'start_s is beyond the end of the bag, which lasts {lasts_s:.1f} s')
         self._set_clock(start_ns)
         self._say_again(reader, connections, start_ns)
         anchor_s, anchor_ns, rate = time.monotonic(), start_ns, self._rate()

@@ -13,12 +13,13 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
-from msg_adapters.diagnostics import ERROR, diagnostics_from_message
+from msg_adapters.diagnostics import ERROR, OK, WARN, diagnostics_from_message
 from raw2drive_ros import topics
+from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class
 from raw2drive_ros.nodes.runtime import NodeError, StopRequest, run_node, spin, steady_clock
-from raw2drive_ros.recording.bag_writer import BagExistsError, DiskFullError
+from raw2drive_ros.recording.bag_writer import BagExistsError, DiskFullError, partial_folder
 from raw2drive_ros.recording.recording import Recording, RingBuffer
 
 DEPTH = 200
@@ -71,6 +72,8 @@ class RecorderNode(Node):
                 raise NodeError(str(error)) from error
             self.create_timer(p['flush_s'], self._flush, clock=steady_clock())
         self.create_service(Trigger, '~/save', self._on_save)
+        self.diagnostics = DiagnosticsPublisher(self, self._describe)
+        self.create_timer(1.0, self.diagnostics.publish, clock=steady_clock())
         for spec in topics.TOPICS:
             make_subscription(self, spec.name, self._writer(spec.name), self.losses, raw=True, depth=DEPTH)
 
@@ -108,8 +111,17 @@ class RecorderNode(Node):
                 self._fail(error)
 
     def _fail(self, error: OSError) -> None:
+        """Ends the node with an error: a recorder that records nothing must not look alive."""
         self.failed = str(error)
         self.get_logger().error(f'recording stopped: {error}')
+        self.diagnostics.publish()
+
+    def _describe(self) -> tuple[int, str, dict[str, Any]]:
+        values = {'messages': self._received(), 'messages_lost': self.losses.total, 'snapshots': len(self.snapshots)}
+        if self.failed:
+            return ERROR, f'recording stopped: {self.failed}', values
+        doing = 'recording' if self.ring is None else f'holding the last {self.p["snapshot_s"]:g} s'
+        return WARN if self.losses.total else OK, doing, values
 
     def _watch_gate(self, data: bytes) -> None:
         """A stop of the safety gate is worth keeping: what led to it is in memory."""
@@ -133,7 +145,7 @@ class RecorderNode(Node):
 
     def _save(self, why: str) -> str:
         assert self.ring is not None
-        path = Path(self.p['bag']) / f'snapshot_{len(self.snapshots):03d}'
+        path = self._next_snapshot()
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             count = self.ring.save(path, self.provenance | {'snapshot': why})
@@ -146,14 +158,22 @@ class RecorderNode(Node):
         self.get_logger().info(f'{path}: {count} messages')
         return str(path)
 
+    def _next_snapshot(self) -> Path:
+        """A recorder that was started again goes on counting; what a killed one left half written keeps its number."""
+        number = len(self.snapshots)
+        while True:
+            path = Path(self.p['bag']) / f'snapshot_{number:03d}'
+            if not path.exists() and not partial_folder(path).exists():
+                return path
+            number += 1
+
     def _received(self) -> int:
         if self.ring is not None:
             return len(self.ring.held)
-        assert self.recording is not None
-        return sum(self.recording.received.values())
+        return sum(self.recording.received.values()) if self.recording is not None else 0
 
     def run(self, executor: SingleThreadedExecutor) -> None:
-        spin(self, executor, until=lambda: self.stop.requested)
+        spin(self, executor, until=lambda: self.stop.requested or bool(self.failed))
         # Messages that are in the queues already belong into the bag: take them until none comes any more.
         deadline = time.monotonic() + DRAIN_LIMIT_S
         seen = -1
@@ -162,7 +182,7 @@ class RecorderNode(Node):
             quiet_at = time.monotonic() + DRAIN_QUIET_S
             while time.monotonic() < quiet_at:
                 executor.spin_once(timeout_sec=0.01)
-        if self.p['fail_on_loss'] and (self.losses.total or self.failed):
+        if self.failed or (self.p['fail_on_loss'] and self.losses.total):
             self.close()
             raise NodeError(self.failed or f'{self.losses.total} messages lost: {self.losses.lost}')
 

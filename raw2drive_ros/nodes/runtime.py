@@ -15,7 +15,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from raw2drive_ros.nodes.transport import configure_transport, warn
+from raw2drive_ros.nodes.transport import configure_transport, end_with_parent, warn
 
 
 class NodeError(RuntimeError):
@@ -62,6 +62,8 @@ def run_node(make: Callable[[], Any], args: list[str] | None = None) -> int:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     code = 0
     node: Any = None
+    if not end_with_parent():
+        return 1
     drains = getattr(make, 'drains', False)
     stop = StopRequest() if drains else None
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if drains else None)

@@ -5,7 +5,9 @@ Must run before `rclpy.init()`; importing rclpy is harmless, initialising it is 
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -13,6 +15,9 @@ from raw2drive_ros.world_model.config import preset_folder
 
 PROFILE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 OTHER_PROFILE_VARIABLE = 'FASTDDS_DEFAULT_PROFILES_FILE'
+# Process that started the graph; its nodes end when it does, however it ends.
+PARENT_VARIABLE = 'RAW2DRIVE_PARENT_PID'
+PR_SET_PDEATHSIG = 1
 
 
 def shipped_profile() -> Path:
@@ -47,6 +52,7 @@ def child_environment(domain: int, log_folder: Path | None = None) -> dict[str, 
     configure_transport()
     environment = dict(os.environ)
     environment['ROS_DOMAIN_ID'] = str(domain)
+    environment[PARENT_VARIABLE] = str(os.getpid())
     environment['RMW_IMPLEMENTATION'] = 'rmw_fastrtps_cpp'
     environment.setdefault('OMP_NUM_THREADS', '1')
     # glibc otherwise maps and unmaps every large buffer.
@@ -58,6 +64,18 @@ def child_environment(domain: int, log_folder: Path | None = None) -> dict[str, 
     if log_folder is not None:
         environment['ROS_LOG_DIR'] = str(log_folder)
     return environment
+
+
+def end_with_parent() -> bool:
+    """Get SIGINT when the process that started the graph ends, even by SIGKILL (Linux); False: it is gone already.
+
+    Nodes that were started otherwise (ros2 run, launch files) are left alone.
+    """
+    parent = int(os.environ.get(PARENT_VARIABLE, '0'))
+    if not parent or not sys.platform.startswith('linux'):
+        return True
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+    return os.getppid() == parent or Path(f'/proc/{parent}').exists()
 
 
 def warn(messages: list[str]) -> None:

@@ -28,22 +28,31 @@ from msg_adapters.sensors import (
 )
 from msg_adapters.stamps import stamp_ns
 from raw2drive_ros import topics
-from raw2drive_ros.conformance.active import PROGRAMME, Step, judge_trials, stands
+from raw2drive_ros.conformance.active import BRAKE, PROGRAMME, Step, ends_standing, judge_trials, stands
 from raw2drive_ros.conformance.observation import Observation, TopicSeen, Trial, Verdict
 from raw2drive_ros.conformance.passive import expected, judge
 from raw2drive_ros.contract import ContractError, Control, Decision
 from raw2drive_ros.driving.bundle import BundleError, load_bundle
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import make_publisher, message_class
-from raw2drive_ros.nodes.runtime import NodeError, run_node
+from raw2drive_ros.nodes.runtime import NodeError, StopRequest, run_node
 from raw2drive_ros.timing import load_timing
 
 # Discovery takes a fraction of a second as a rule; on a busy machine it has taken more than the first of these.
 LOOK_S, LOOK_LONGER_S = 2.0, 6.0
+BRAKE_AT_END_S = 5.0
+
+
+class UnsafeError(RuntimeError):
+    """The car must not be moved on; the message says why."""
 
 
 class VehicleProbeNode(Node):
-    """Never publishes a command unless `allow_motion` is set."""
+    """Never publishes a command unless `allow_motion` is set. However it ends, it brakes until the car stands."""
+
+    # Ctrl-C may not close the context before the brake is on.
+    drains = True
+    stop: StopRequest
 
     def __init__(self) -> None:
         super().__init__('vehicle_probe')
@@ -68,19 +77,23 @@ class VehicleProbeNode(Node):
         self.trial: Trial | None = None
         self.trial_started = 0.0
         self.newest_ns = 0
+        self.odometry_at_s = 0.0
+        self.odometry_good_s = load_timing().odometry_after_s
 
     def run(self, executor: SingleThreadedExecutor) -> None:
         cameras = tuple(camera.name for camera in self.rig)
         self.names = expected(cameras, compressed=self.compressed)
         # Others have to be found before it can be said that they are not there.
-        _spin(executor, LOOK_S)
+        self._spin(executor, LOOK_S)
         deadline = time.monotonic() + LOOK_LONGER_S
-        while time.monotonic() < deadline and not all(map(self.count_publishers, self.names)) and rclpy.ok():
-            _spin(executor, 0.2)
+        while time.monotonic() < deadline and not all(map(self.count_publishers, self.names)) and self._goes_on:
+            self._spin(executor, 0.2)
         self._look_at_graph()
         for name in self.names:
             self._listen(name)
-        _spin(executor, self.seen.seconds)
+        self._spin(executor, self.seen.seconds)
+        if self.stop.requested:
+            return
         verdicts = judge(self.seen, self.rig, compressed=self.compressed)
         verdicts += self._move(executor, verdicts)
         Path(self.p['report']).write_text(json.dumps([asdict(verdict) for verdict in verdicts]))
@@ -133,6 +146,7 @@ class VehicleProbeNode(Node):
             found = odometry_from_message(message)
             self.seen.odometry.append(found)
             self.newest_ns = found.stamp_ns
+            self.odometry_at_s = time.monotonic()
             if self.trial is not None:
                 self.trial.times_s.append(time.monotonic() - self.trial_started)
                 self.trial.speeds_mps.append(found.speed_mps)
@@ -165,38 +179,67 @@ class VehicleProbeNode(Node):
         if broken:
             return [Verdict('motion', 'skipped', f'not without {", ".join(broken)}', 'mend that first')]
         output = make_publisher(self, topics.COMMAND)
-        trials = []
+        trials: list[Trial] = []
+        unsafe = []
         try:
             for step in PROGRAMME:
                 trial = self._try(executor, output, step)
-                if step.name:
-                    trials.append(trial)
+                trials += [trial] if step.name else []
+                if step.until_standing and not ends_standing(trial):
+                    raise UnsafeError(f'the car does not stand after {step.name or "the brake"}')
+        except UnsafeError as error:
+            self.get_logger().error(f'{error}: braking')
+            unsafe = [Verdict('motion', 'error', f'given up: {error}', 'mend that first')]
         finally:
-            self._ask(output, Control(0.0, 0.6, 0.0))
-        return judge_trials(trials)
+            self._brake(executor, output)
+        return judge_trials(trials) + unsafe
 
     def _try(self, executor: SingleThreadedExecutor, output: Any, step: Step) -> Trial:
+        """Raises UnsafeError when the car must not be moved on."""
         self.trial, self.trial_started = Trial(step.name, step.control), time.monotonic()
         period_s = 1.0 / load_timing().decision_rate_hz
         due = self.trial_started
-        while time.monotonic() < self.trial_started + step.seconds and rclpy.ok():
+        while time.monotonic() < self.trial_started + step.seconds:
+            self._require_safe()
             if step.control is not None:
                 self._ask(output, step.control)
             due += period_s
-            _spin(executor, max(0.0, due - time.monotonic()))
+            self._spin(executor, max(0.0, due - time.monotonic()))
             if step.until_standing and self.trial.times_s and stands(self.trial):
                 break
         trial, self.trial = self.trial, None
         return trial
 
+    def _require_safe(self) -> None:
+        if not self._goes_on:
+            raise UnsafeError('interrupted')
+        blind_s = time.monotonic() - self.odometry_at_s
+        if blind_s > self.odometry_good_s:
+            raise UnsafeError(f'no odometry for {blind_s:.1f} s')
+        if self.count_publishers(topics.COMMAND) > 1:
+            raise UnsafeError(f'somebody else publishes {topics.COMMAND}')
+
+    def _brake(self, executor: SingleThreadedExecutor, output: Any) -> None:
+        """Until the car stands, or for BRAKE_AT_END_S: a second signal does not shorten this."""
+        self.trial, self.trial_started = Trial('', BRAKE), time.monotonic()
+        while time.monotonic() < self.trial_started + BRAKE_AT_END_S and rclpy.ok():
+            self._ask(output, BRAKE)
+            executor.spin_once(timeout_sec=0.05)
+            if self.trial.times_s and stands(self.trial):
+                break
+        self.trial = None
+
+    @property
+    def _goes_on(self) -> bool:
+        return rclpy.ok() and not self.stop.requested
+
+    def _spin(self, executor: SingleThreadedExecutor, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0 and self._goes_on:
+            executor.spin_once(timeout_sec=min(left, 0.2))
+
     def _ask(self, output: Any, control: Control) -> None:
         output.publish(decision_to_message(RclpyFactory(), Decision(self.newest_ns, control)))
-
-
-def _spin(executor: SingleThreadedExecutor, seconds: float) -> None:
-    deadline = time.monotonic() + seconds
-    while (left := deadline - time.monotonic()) > 0 and rclpy.ok():
-        executor.spin_once(timeout_sec=left)
 
 
 def main(args: list[str] | None = None) -> int:

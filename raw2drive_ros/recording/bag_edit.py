@@ -13,7 +13,7 @@ from typing import Any
 from rosbags.rosbag2 import Reader
 
 from raw2drive_ros.recording.bag_info import provenance_of
-from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag
+from raw2drive_ros.recording.bag_reader import BagError, begin_ns, messages_in, open_bag, said_once
 from raw2drive_ros.recording.bag_writer import BagWriter
 
 
@@ -40,7 +40,8 @@ def cut(
     if not start_s < end_s:
         raise BagError(f'nothing lies between {start_s} s and {end_s} s')
     with open_bag(bag) as reader:
-        start_ns, end_ns = reader.start_time + start_s * 1e9, reader.start_time + end_s * 1e9
+        begins_ns = begin_ns(reader)
+        start_ns, end_ns = begins_ns + start_s * 1e9, begins_ns + end_s * 1e9
         facts = provenance_of(bag) | {'cut_from': bag.name, 'cut': f'{start_s:g} s to {end_s:g} s'}
         latched: dict[str, tuple[Any, bytes]] = {}
         with whole_bag(out, facts) as writer:
@@ -48,7 +49,7 @@ def cut(
                 if not any(fnmatchcase(connection.topic, pattern) for pattern in patterns) or stamp_ns >= end_ns:
                     continue
                 if stamp_ns < start_ns:
-                    if _said_once(connection):
+                    if said_once(connection):
                         latched[connection.topic] = connection, bytes(data)
                     continue
                 for topic, (source, old) in latched.items():
@@ -56,7 +57,7 @@ def cut(
                 latched.clear()
                 writer.write_raw(connection.topic, stamp_ns, bytes(data), _type_of(connection))
             if not writer.counts:
-                raise BagError(f'{bag}: no message there: it lasts {reader.duration * 1e-9:.1f} s')
+                raise BagError(f'{bag}: no message there: it lasts {(reader.end_time - begins_ns) * 1e-9:.1f} s')
             return dict(writer.counts)
 
 
@@ -84,10 +85,6 @@ def merge(bags: list[Path], out: Path) -> dict[str, int]:
 def _stream(reader: Reader, number: int) -> Iterator[tuple[int, int, int, Any, bytes]]:
     for count, (connection, stamp_ns, data) in enumerate(messages_in(reader)):
         yield stamp_ns, number, count, connection, bytes(data)
-
-
-def _said_once(connection: Any) -> bool:
-    return any(qos.durability.name == 'TRANSIENT_LOCAL' for qos in connection.ext.offered_qos_profiles)
 
 
 def _type_of(connection: Any) -> tuple[str, str]:

@@ -33,7 +33,24 @@ class DiskFullError(OSError):
 
 
 class BagExistsError(FileExistsError):
-    """The target bag exists already; bags are never overwritten."""
+    """The target bag exists already, or what a killed recorder left of it; neither is ever overwritten."""
+
+
+def partial_folder(path: Path) -> Path:
+    """Where the bag `path` is written until it is whole."""
+    return path.with_name(f'.{path.name}.partial')
+
+
+def require_new(path: Path) -> None:
+    """Raises BagExistsError where the bag, or what a killed recorder left of it, is already there."""
+    if path.exists():
+        raise BagExistsError(f'{path} exists already; choose another name or remove it')
+    partial = partial_folder(path)
+    if any(file.stat().st_size for file in partial.rglob('*.mcap')):
+        raise BagExistsError(
+            f'{partial} holds what a killed recorder left: `raw2drive bag recover {path} --out OTHER` saves it; '
+            'choose another name, or remove it'
+        )
 
 
 def require_space(folder: Path, needed: int = MIN_FREE_BYTES) -> None:
@@ -91,11 +108,10 @@ class BagWriter:
 
     def __init__(self, path: Path, provenance: dict[str, str] | None = None, *, compress: bool = True) -> None:
         self.path = path
-        self.root = path.with_name(f'.{path.name}.partial')
+        self.root = partial_folder(path)
         # The same last name: rosbag2 names the file inside after its folder.
         self.partial = self.root / path.name
-        if path.exists():
-            raise BagExistsError(f'{path} exists already; choose another name or remove it')
+        require_new(path)
         require_space(path.parent)
         if self.root.exists():
             shutil.rmtree(self.root)

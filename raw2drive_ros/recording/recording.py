@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from raw2drive_ros import topics
-from raw2drive_ros.recording.bag_writer import BagExistsError, BagWriter
+from raw2drive_ros.recording.bag_writer import BagWriter, require_new
+
+# What is said once may have any stamp (of the boot, of a map file), and nodes without simulated time report by the
+# wall. Farther from the other topics than this, they get the others' time: a bag has one time line.
+NEAR_NS = 5_000_000_000
+MAX_WAITING = 1000
 
 
 @dataclass(slots=True)
@@ -16,6 +21,7 @@ class Recording:
     """Bytes into `path`, or, when it is split, into whole bags `path/NAME_000`, `path/NAME_001` and so on.
 
     split_s, split_bytes: a bag is closed after so much; 0: never. What is said once is said again at each beginning.
+    That and diagnostics wait for the first message of another topic, whose time the bag has.
     """
 
     path: Path
@@ -27,10 +33,11 @@ class Recording:
     largest_gap_ns: dict[str, int] = field(default_factory=dict)
     _writer: BagWriter | None = None
     _latched: dict[str, bytes] = field(default_factory=dict)
+    _waiting: list[tuple[str, int, bytes]] = field(default_factory=list)
+    _newest_ns: int | None = None
 
     def __post_init__(self) -> None:
-        if self.path.exists():
-            raise BagExistsError(f'{self.path} exists already; choose another name or remove it')
+        require_new(self.path)
         self._writer = self._open()
 
     @property
@@ -40,14 +47,32 @@ class Recording:
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Raises DiskFullError; what was written before stays."""
         assert self._writer is not None
+        if topics.BY_NAME[topic].latched:
+            self._latched[topic] = data
+        if topics.BY_NAME[topic].latched or topic == topics.DIAGNOSTICS:
+            if self._newest_ns is None and len(self._waiting) < MAX_WAITING:
+                self._waiting.append((topic, stamp_ns, data))
+                return
+            stamp_ns = self._near(stamp_ns)
+        else:
+            self._newest_ns = stamp_ns
+            self._write_waiting()
         if self._full(stamp_ns):
             self._finish()
             self._writer = self._open()
             for name, said in self._latched.items():
                 self._writer.write_raw(name, stamp_ns, said)
-        if topics.BY_NAME[topic].latched:
-            self._latched[topic] = data
         self._writer.write_raw(topic, stamp_ns, data)
+
+    def _near(self, stamp_ns: int) -> int:
+        far = self._newest_ns is not None and abs(stamp_ns - self._newest_ns) > NEAR_NS
+        return self._newest_ns if far and self._newest_ns is not None else stamp_ns
+
+    def _write_waiting(self) -> None:
+        assert self._writer is not None
+        for topic, stamp_ns, data in self._waiting:
+            self._writer.write_raw(topic, self._near(stamp_ns), data)
+        self._waiting.clear()
 
     def flush(self) -> None:
         """Nothing from before this is lost when the process is killed."""
@@ -57,6 +82,7 @@ class Recording:
     def close(self) -> list[Path]:
         """Finish the last bag; every bag that was made."""
         if self._writer is not None:
+            self._write_waiting()
             self._finish()
         return self.bags
 

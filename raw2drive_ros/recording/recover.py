@@ -15,7 +15,7 @@ from rosbags.typesys import TypesysError
 
 from raw2drive_ros.recording.bag_edit import whole_bag
 from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag
-from raw2drive_ros.recording.bag_writer import PROVENANCE, BagWriter
+from raw2drive_ros.recording.bag_writer import PROVENANCE, BagWriter, partial_folder
 
 
 @dataclass(slots=True)
@@ -34,7 +34,7 @@ def find_mcap(path: Path) -> list[Path]:
     """The MCAP files of a bag, of a `.NAME.partial` folder, or beside NAME that was never finished."""
     if path.is_file():
         return [path]
-    folder = path if path.is_dir() else path.with_name(f'.{path.name}.partial')
+    folder = path if path.is_dir() else partial_folder(path)
     found = sorted(folder.rglob('*.mcap')) if folder.is_dir() else []
     if not found:
         raise BagError(f'{path}: no MCAP file there, nor in {folder.name}')

@@ -145,6 +145,15 @@ def test_each_trial_has_a_right_and_a_wrong_answer(name, right, false) -> None:
     assert bad_verdict.remedy
 
 
+def test_a_car_that_only_coasts_does_not_brake_by_itself() -> None:
+    braking, coasting = trial('brake stops', STOPPING), trial('silence stops', np.linspace(3.0, 0.0, 50))
+    asked, by_itself = judge_trials([braking, coasting])
+    assert (asked.severity, by_itself.severity) == ('passed', 'error')
+    assert by_itself.text.endswith('braking at 0.6 m/s2')
+    assert judge_trials([braking, trial('NaN is refused', STOPPING)])[1].severity == 'passed'
+    assert judge_trials([braking, trial('NaN is refused', np.zeros(20))])[1].severity == 'error', 'it never rolled'
+
+
 def test_every_named_step_is_judged_and_the_car_is_stopped_at_the_end() -> None:
     assert {step.name for step in PROGRAMME if step.name} == set(CHECKS)
     assert PROGRAMME[-1].control.brake > 0.0

@@ -23,7 +23,7 @@ def feed(monitor: SensorMonitor, tick: int, speed_mps: float = 5.0, leave_out: s
     stamp_ns = tick * TICK_NS
     for name in (*CAMERAS, 'imu', 'odometry'):
         if name != leave_out:
-            assert monitor.heard(name, stamp_ns)
+            assert monitor.heard(name, stamp_ns, stamp_ns)
     if not leave_out:
         shown = {camera: images.get(camera, picture()) for camera in CAMERAS}
         imu = ImuSample(stamp_ns, (0.0, 0.0, 9.81), (0.0,) * 3)
@@ -85,6 +85,19 @@ def test_stamps_ahead_of_the_clock_stop() -> None:
     found = monitor.findings(7 * TICK_NS)
     assert {f.health for f in found} == {Health.STOP}
     assert found[0].cause == 'camera front: stamps are 0.40 s ahead of ROS time'
+
+
+@pytest.mark.parametrize('name', [*CAMERAS, 'imu', 'odometry'])
+def test_one_stamp_of_the_future_costs_one_message(name) -> None:
+    monitor = started()
+    assert monitor.heard(name, 14 * TICK_NS, 11 * TICK_NS), 'a clock may come a little later than what it stamps'
+    assert not monitor.heard(name, 36_000 * TICK_NS, 14 * TICK_NS)
+    (found,) = monitor.findings(12 * TICK_NS)
+    assert found.health is Health.STOP
+    assert found.cause.endswith(f'{name}: stamps are 3598.60 s ahead of ROS time')
+    assert monitor.heard(name, 15 * TICK_NS, 15 * TICK_NS)
+    assert monitor.findings(12 * TICK_NS) == []
+    assert monitor.counts == {f'{name}_early': 1}
 
 
 @pytest.mark.parametrize(('value', 'shade'), [(0, 'black'), (255, 'white')])
@@ -188,19 +201,19 @@ def test_a_refused_message_degrades_for_a_second_and_explains_silence() -> None:
 
 def test_messages_out_of_order_are_not_used_and_counted() -> None:
     monitor = started()
-    assert not monitor.heard('front', 10 * TICK_NS)
-    assert monitor.heard('front', 11 * TICK_NS), 'the same tick again'
+    assert not monitor.heard('front', 10 * TICK_NS, 11 * TICK_NS)
+    assert monitor.heard('front', 11 * TICK_NS, 11 * TICK_NS), 'the same tick again'
     assert monitor.counts == {'front_out_of_order': 1}
 
 
 def test_a_new_beginning_forgets_everything_but_the_counts() -> None:
     monitor = started()
-    monitor.heard('front', 0)
+    monitor.heard('front', 0, 11 * TICK_NS)
     monitor.refused('imu', 'x', 11 * TICK_NS)
     blind = np.zeros((32, 48, 3), np.uint8)
     for tick in range(12, 15):
         feed(monitor, tick, front=blind)
     monitor.reset()
     assert monitor.findings(14 * TICK_NS) == []
-    assert monitor.heard('front', 0)
+    assert monitor.heard('front', 0, 11 * TICK_NS)
     assert monitor.counts == {'front_out_of_order': 1, 'imu_refused': 1}

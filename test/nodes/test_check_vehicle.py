@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -60,3 +61,44 @@ def test_an_empty_graph_lacks_everything(tmp_path) -> None:
     assert all(v['remedy'] for v in errors)
     assert verdicts[-1]['check'] == 'motion'
     assert verdicts[-1]['severity'] == 'skipped'
+
+
+# Follows the speed of the car and prints it, once it has driven faster than 1 m/s.
+WATCH = """
+import time
+import rclpy
+from msg_adapters.sensors import odometry_from_message
+from raw2drive_ros import topics
+from raw2drive_ros.nodes.quality import LossCounter, make_subscription
+from raw2drive_ros.nodes.transport import configure_transport
+configure_transport()
+rclpy.init()
+node, fast = rclpy.create_node('watch'), False
+def look(message):
+    global fast
+    speed = odometry_from_message(message).speed_mps
+    fast = fast or speed > 1.0
+    if fast:
+        print(round(time.monotonic(), 3), round(speed, 3), flush=True)
+make_subscription(node, topics.ODOMETRY, look, LossCounter())
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.long
+def test_ctrl_c_leaves_a_car_that_stands(tmp_path) -> None:
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        start_toy(graph, domain)
+        command = [sys.executable, '-c', WATCH]
+        watch = subprocess.Popen(command, cwd=ROOT, env=graph.environment, stdout=subprocess.PIPE, text=True)
+        graph.processes['watch'] = watch
+        command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'check-vehicle', '--domain', str(domain)]
+        probe = subprocess.Popen([*command, '--seconds', '2', '--allow-motion'], cwd=ROOT)
+        watch.stdout.readline()
+        probe.send_signal(signal.SIGINT)
+        assert probe.wait(30.0) == 130
+        ended = time.monotonic()
+        watch.terminate()
+        seen = [tuple(map(float, line.split())) for line in watch.stdout if len(line.split()) == 2]
+    # While the probe brakes, not 0.3 s after it has fallen silent.
+    assert min(t for t, speed in seen if speed < 0.1) < ended

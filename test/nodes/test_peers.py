@@ -28,7 +28,7 @@ def test_wrong_requests_parameters_and_messages_end_no_node(bundle, tmp_path) ->
     assert told['wrong type'][0] is False
     assert (told['deactivate'], told['end']) == (True, 'inactive')
     assert (told['activated'], told['listening']) == (True, 1)
-    assert (told['shutdown'], told['still listening']) == (True, 0), 'shut down while it drove: nothing more is proposed'
+    assert (told['shutdown'], told['still listening']) == (True, 0), 'nothing more is proposed'
     assert "front refused: image encoding 'noise' is not supported" in logs['planner']
     assert 'imu refused' in logs['planner']
     assert 'emergency_stop: invalid proposal: named values' in logs['safety_gate']

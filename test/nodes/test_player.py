@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from raw2drive_ros.cli.graph import reserve_domain, running_graph
-from raw2drive_ros.recording.bag_reader import open_bag
+from raw2drive_ros.recording.bag_reader import begin_ns, open_bag
 
 PEER = Path(__file__).with_name('player_peer.py')
 ROOT = PEER.parents[2]
@@ -15,7 +15,7 @@ ROOT = PEER.parents[2]
 
 def test_a_player_pauses_steps_seeks_and_loops(bag, tmp_path) -> None:
     with open_bag(bag) as reader:
-        start_ns, end_ns = reader.start_time, reader.end_time
+        start_ns, end_ns = begin_ns(reader), reader.end_time
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
         parameters = {'bag': str(bag), 'paused': True, 'loop': True, 'wait_for_subscribers': 0}
         graph.start('player', parameters, sim_time=False)

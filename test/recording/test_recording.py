@@ -9,11 +9,16 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from msg_adapters.diagnostics import diagnostics_to_message
+from msg_adapters.factory import RosbagsFactory
+from msg_adapters.sensors import odometry_to_message, route_to_message
 from raw2drive_ros import topics
 from raw2drive_ros.cli.main import main
+from raw2drive_ros.contract import OdometrySample, Route
 from raw2drive_ros.recording import bag_writer
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_edit import cut, merge
@@ -274,3 +279,58 @@ def test_bag_verbs_on_the_command_line(bag, tmp_path, capsys) -> None:
     assert 'needs --out' in capsys.readouterr().err
     assert main(['bag', 'recover', str(out), '--out', str(tmp_path / 'z')]) == 1
     assert 'exists already' in capsys.readouterr().err
+
+
+def said(topic: str, stamp_ns: int) -> tuple[str, int, bytes]:
+    factory = RosbagsFactory()
+    if topic == topics.ROUTE:
+        message = route_to_message(factory, Route(stamp_ns, np.array([[0.0, 0.0], [30.0, 0.0]])))
+    elif topic == topics.DIAGNOSTICS:
+        message = diagnostics_to_message(factory, 'x', 0, 'fine', {}, stamp_ns)
+    else:
+        message = odometry_to_message(factory, OdometrySample(stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0))
+    return topic, stamp_ns, factory.serialize(message, topics.BY_NAME[topic].msgtype)
+
+
+def test_what_is_said_once_or_by_another_clock_does_not_stretch_a_bag(tmp_path) -> None:
+    second = 1_000_000_000
+    recording = Recording(tmp_path / 'bag', {}, split_s=60.0)
+    recording.write(*said(topics.ROUTE, 1))
+    recording.write(*said(topics.DIAGNOSTICS, 7 * second))
+    for tick in range(50):
+        now_ns = 1_700_000_000 * second + tick * second // 10
+        if tick % 10 == 5:
+            recording.write(*said(topics.ROUTE, 1))
+        recording.write(*said(topics.ODOMETRY, now_ns))
+    recording.write(*said(topics.ROUTE, now_ns + second))
+    (bag,) = recording.close()
+    info = bag_info(bag)
+    assert info['duration_s'] == pytest.approx(5.9)
+    assert info['messages'] == 58
+
+
+def test_a_bag_of_what_is_said_once_only_is_written_all_the_same(tmp_path) -> None:
+    recording = Recording(tmp_path / 'bag', {})
+    recording.write(*said(topics.ROUTE, 5))
+    (bag,) = recording.close()
+    assert bag_info(bag)['messages'] == 1
+
+
+def test_an_old_bag_is_cut_from_where_it_flows(tmp_path) -> None:
+    with BagWriter(tmp_path / 'old') as bag:
+        bag.write_raw(*said(topics.ROUTE, 1))
+        for tick in range(20):
+            bag.write_raw(*said(topics.ODOMETRY, 1_700_000_000_000_000_000 + tick * 100_000_000))
+    assert cut(tmp_path / 'old', tmp_path / 'new', 0.5, 1.0) == {topics.ROUTE: 1, topics.ODOMETRY: 5}
+    assert bag_info(tmp_path / 'new')['duration_s'] == pytest.approx(0.4)
+
+
+def test_what_a_killed_recorder_left_is_never_overwritten(tmp_path) -> None:
+    recording = Recording(tmp_path / 'day', {})
+    recording.write(*said(topics.ODOMETRY, 10))
+    recording.flush()
+    for again in (lambda: Recording(tmp_path / 'day', {}), lambda: recover(tmp_path / 'day', tmp_path / 'day')):
+        with pytest.raises(BagExistsError, match='raw2drive bag recover'):
+            again()
+    assert main(['record', '--out', str(tmp_path / 'day')]) == 1
+    assert recover(tmp_path / 'day', tmp_path / 'saved').counts == {topics.ODOMETRY: 1}
