@@ -85,6 +85,21 @@ def test_what_cannot_be_leaves_the_server_as_it_was(world, settings, words) -> N
     assert not any(actor.alive for actor in world.actors)
 
 
+def test_ctrl_c_while_it_spawns_leaves_the_server_as_it_was(world, monkeypatch) -> None:
+    spawn = world.spawn_actor
+
+    def interrupted(plan, transform, attach_to=None):
+        if len(world.actors) == 3:
+            raise KeyboardInterrupt
+        return spawn(plan, transform, attach_to)
+
+    monkeypatch.setattr(world, 'spawn_actor', interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        client.CarlaVehicle(client.CarlaSettings(), camera_rig(48, 80))
+    assert world.settings.synchronous_mode is False
+    assert [actor.alive for actor in world.actors] == [False] * 3
+
+
 def test_an_actor_that_stays_keeps_neither_the_others_nor_the_clock(world) -> None:
     with client.CarlaVehicle(client.CarlaSettings(), camera_rig(48, 80)):
         world.sticky = 'sensor.other.imu'
