@@ -98,6 +98,12 @@ def test_the_gear_is_changed_only_when_slow(speed, reverse, changed) -> None:
     assert answer.reverse is (speed < 0.0 if changed else reverse)
 
 
+def test_a_slow_car_of_a_tight_limit_keeps_its_gear_too() -> None:
+    answer, names = one(Control(0.5, 0.1, 0.2, reverse=True), STILL, 0.7, max_gear_speed_mps=0.5)
+    assert (answer, names) == (Control(0.0, 0.1, 0.2), ('gear',))
+    assert one(Control(0.5), STILL, 0.7, max_gear_speed_mps=0.5)[1] == ()
+
+
 def test_the_throttle_comes_down_before_the_gear_changes() -> None:
     wanted, limits = Control(1.0, 0.0, 0.0, reverse=True), {'speed_mps': 0.0, 'max_jerk_mps3': 20.0}
     seen = [Control(1.0)]
@@ -107,6 +113,8 @@ def test_the_throttle_comes_down_before_the_gear_changes() -> None:
     assert [c.throttle for c in seen] == pytest.approx([1.0, 0.6, 0.2, 0.0, 0.4, 0.8, 1.0])
     assert not any(c.brake for c in seen)
     assert one(wanted, Control(1.0), **limits)[1] == one(wanted, Control(0.1), **limits)[1] == ('jerk',)
+    back = one(Control(0.4, 0.0, -0.3), Control(0.2, 0.0, 0.0, reverse=True), **limits)[0]
+    assert (back.steer, back.reverse) == (-0.3, True)
     held = Control(0.0, 0.3, 0.0, reverse=True)
     assert one(held, Control(0.0, 0.3), **limits) == (held, ()), 'a standing car may change it on the brake'
 
