@@ -44,6 +44,9 @@ class Terminated(BaseException):
 
 
 def _on_sigterm(number: int, frame: FrameType | None) -> None:
+    # One is enough: a second one would cut off the end of what the first one began.
+    for name in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(name, signal.SIG_IGN)
     raise Terminated
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 EXAMPLES = """examples:
   raw2drive sim --list
   raw2drive sim --scenario HardBreakRoute --seed 3 --picture scene.png
-  raw2drive sim --scenario LaneFollowing --real-time          (then, elsewhere: raw2drive drive)
+  raw2drive sim --scenario LaneFollowing --real-time          (then, elsewhere: raw2drive drive --sim-time)
 
 Services of the running bridge: /bridge/reset (std_srvs/Trigger; set the parameters scenario and seed
 first) and /bridge/pause (std_srvs/SetBool)."""

@@ -211,12 +211,11 @@ class Gate:
         silent = self._silent(now, limits.emergency_after_s)
         if silent:
             self._stop(GateState.EMERGENCY_STOP, silent, now)
-        elif self.speed_mps is not None and self._moves and self._since(self._slowed, now) > limits.slowing_after_s:
+        elif self.speed_mps is not None and abs(self.speed_mps) <= self._slowed_to_mps - limits.slowing_mps:
             # Again and again: brakes may fade, and hills begin.
-            if abs(self.speed_mps) > self._slowed_to_mps - limits.slowing_mps:
-                self._stop(GateState.EMERGENCY_STOP, 'the car does not slow down', now)
-            else:
-                self._slowed, self._slowed_to_mps = now, abs(self.speed_mps)
+            self._slowed, self._slowed_to_mps = now, abs(self.speed_mps)
+        elif self.speed_mps is not None and self._moves and self._since(self._slowed, now) > limits.slowing_after_s:
+            self._stop(GateState.EMERGENCY_STOP, 'the car does not slow down', now)
 
     def _watch_driving(self, now: Moment, back_s: float) -> None:
         limits, speed = self.limits, abs(self.speed_mps or 0.0)

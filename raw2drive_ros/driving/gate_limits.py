@@ -14,7 +14,7 @@ class MotionLimits:
 
     full_throttle_mps2, full_brake_mps2: what full pedals do on a flat road. max_steer_rad: road wheels at steer 1.
     max_steer: fraction of that. max_jerk_mps3 and max_steer_rate_1ps hold between one command and the next.
-    max_gear_speed_mps: faster than this, the direction of driving may not be changed.
+    max_gear_speed_mps: faster than this, the gear may not be changed.
     """
 
     wheelbase_m: float = 2.9
@@ -54,13 +54,13 @@ def limited(
 def _gear(
     wanted: Control, before: Control, speed_mps: float | None, limits: MotionLimits
 ) -> tuple[Control, tuple[str, ...]]:
-    """A fast car keeps its gear, and has no throttle while the other one is asked for."""
-    if speed_mps is not None and abs(speed_mps) > limits.max_gear_speed_mps and wanted.reverse != (speed_mps < 0.0):
-        return Control(0.0, wanted.brake, wanted.steer, speed_mps < 0.0), ('gear',)
-    if wanted.reverse != before.reverse and _push(before, limits) > 0.0 and limits.max_jerk_mps3 < math.inf:
-        # The same throttle in the other gear is the opposite acceleration: first it has to come down in this one.
-        return Control(0.0, wanted.brake, wanted.steer, before.reverse), ('jerk',)
-    return wanted, ()
+    """The gear stays what it was, without throttle, while the car is too fast for another, and while the throttle of
+    this one is still coming down: in the other gear it is the opposite acceleration."""
+    fast = speed_mps is not None and abs(speed_mps) > limits.max_gear_speed_mps
+    pressed = _push(before, limits) > 0.0 and limits.max_jerk_mps3 < math.inf
+    if wanted.reverse == before.reverse or not (fast or pressed):
+        return wanted, ()
+    return Control(0.0, wanted.brake, wanted.steer, before.reverse), ('gear' if fast else 'jerk',)
 
 
 def _push(control: Control, limits: MotionLimits) -> float:

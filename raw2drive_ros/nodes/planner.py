@@ -206,6 +206,8 @@ class PlannerNode(LifecycleNode):
         values = self.figures()
         if self.planner is None:
             return (ERROR, self.failure, values) if self.failure else (OK, 'not configured', values)
+        if not self._inputs:
+            return WARN, 'not active: proposes nothing', values
         health = self.planner.health
         values |= {
             'bundle': self.planner.bundle.identity,

@@ -83,6 +83,9 @@ def run_node(make: Callable[[], Any], args: list[str] | None = None) -> int:
             print(f'error: {error}', file=sys.stderr)
             code = 1
     finally:
+        # A second Ctrl-C may not cut off what puts the world back as it was.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
         if node is not None:
             if hasattr(node, 'close'):
                 node.close()

@@ -56,6 +56,8 @@ def cut(
                     writer.write_raw(topic, round(start_ns), old, _type_of(source))
                 latched.clear()
                 writer.write_raw(connection.topic, stamp_ns, bytes(data), _type_of(connection))
+            for topic, (source, old) in latched.items() if start_ns <= reader.end_time else ():
+                writer.write_raw(topic, round(start_ns), old, _type_of(source))
             if not writer.counts:
                 raise BagError(f'{bag}: no message there: it lasts {(reader.end_time - begins_ns) * 1e-9:.1f} s')
             return dict(writer.counts)

@@ -15,6 +15,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from mcap.exceptions import EndOfFile
+from mcap.records import Chunk, Message
+from mcap.stream_reader import StreamReader
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
@@ -41,12 +44,24 @@ def partial_folder(path: Path) -> Path:
     return path.with_name(f'.{path.name}.partial')
 
 
+def _holds_messages(file: Path) -> bool:
+    """Is there more in it than the header? What cannot be read counts as more."""
+    try:
+        with file.open('rb') as stream:
+            return any(isinstance(r, Chunk | Message) for r in StreamReader(stream, emit_chunks=True).records)
+    except EndOfFile:
+        return False
+    except Exception:
+        # Every kind of damage has an error of its own.
+        return file.stat().st_size > 0
+
+
 def require_new(path: Path) -> None:
     """Raises BagExistsError where the bag, or what a killed recorder left of it, is already there."""
     if path.exists():
         raise BagExistsError(f'{path} exists already; choose another name or remove it')
     partial = partial_folder(path)
-    if any(file.stat().st_size for file in partial.rglob('*.mcap')):
+    if any(map(_holds_messages, partial.rglob('*.mcap'))):
         raise BagExistsError(
             f'{partial} holds what a killed recorder left: `raw2drive bag recover {path} --out OTHER` saves it; '
             'choose another name, or remove it'

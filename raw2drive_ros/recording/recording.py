@@ -21,7 +21,8 @@ class Recording:
     """Bytes into `path`, or, when it is split, into whole bags `path/NAME_000`, `path/NAME_001` and so on.
 
     split_s, split_bytes: a bag is closed after so much; 0: never. What is said once is said again at each beginning.
-    That and diagnostics wait for the first message of another topic, whose time the bag has.
+    That, diagnostics, and what has no time yet (stamp 0) wait for the first other message, whose time the bag has; a
+    kill before that loses them.
     """
 
     path: Path
@@ -47,11 +48,10 @@ class Recording:
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Raises DiskFullError; what was written before stays."""
         assert self._writer is not None
-        if topics.BY_NAME[topic].latched:
-            self._latched[topic] = data
-        if topics.BY_NAME[topic].latched or topic == topics.DIAGNOSTICS:
-            if self._newest_ns is None and len(self._waiting) < MAX_WAITING:
-                self._waiting.append((topic, stamp_ns, data))
+        latched = topics.BY_NAME[topic].latched
+        if latched or topic == topics.DIAGNOSTICS or stamp_ns == 0:
+            if self._newest_ns is None:
+                self._wait(topic, stamp_ns, data)
                 return
             stamp_ns = self._near(stamp_ns)
         else:
@@ -62,7 +62,18 @@ class Recording:
             self._writer = self._open()
             for name, said in self._latched.items():
                 self._writer.write_raw(name, stamp_ns, said)
+        if latched:
+            self._latched[topic] = data
         self._writer.write_raw(topic, stamp_ns, data)
+
+    def _wait(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        """Hours may pass before a vehicle comes; what is said once must not be forgotten meanwhile."""
+        if topics.BY_NAME[topic].latched:
+            self._latched[topic] = data
+            self._waiting = [held for held in self._waiting if held[0] != topic]
+        elif len(self._waiting) >= MAX_WAITING:
+            self._waiting.pop(next(i for i, held in enumerate(self._waiting) if not topics.BY_NAME[held[0]].latched))
+        self._waiting.append((topic, stamp_ns, data))
 
     def _near(self, stamp_ns: int) -> int:
         far = self._newest_ns is not None and abs(stamp_ns - self._newest_ns) > NEAR_NS
@@ -153,7 +164,8 @@ class RingBuffer:
 
     def save(self, path: Path, provenance: dict[str, str]) -> int:
         """Write what is held into a new bag; the number of messages, 0 when there is nothing and no bag was made."""
-        if not self.held:
+        # A recorder alone hears its own diagnostics.
+        if all(held.topic == topics.DIAGNOSTICS for held in self.held):
             return 0
         with BagWriter(path, provenance) as bag:
             for topic, data in self._latched.items():

@@ -151,6 +151,8 @@ def test_a_car_that_only_coasts_does_not_brake_by_itself() -> None:
     assert (asked.severity, by_itself.severity) == ('passed', 'error')
     assert by_itself.text.endswith('braking at 0.6 m/s2')
     assert judge_trials([braking, trial('NaN is refused', STOPPING)])[1].severity == 'passed'
+    at_once = trial('NaN is refused', [1.2, 0.9, 0.5, 0.1, 0.0, 0.0, 0.0])
+    assert judge_trials([braking, at_once])[1].severity == 'passed'
     assert judge_trials([braking, trial('NaN is refused', np.zeros(20))])[1].severity == 'error', 'it never rolled'
 
 

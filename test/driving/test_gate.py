@@ -261,14 +261,16 @@ def test_a_car_that_does_not_slow_down_is_braked_hard(speeds, state) -> None:
         assert gate.reason == 'the car does not slow down'
 
 
-@pytest.mark.parametrize(('later', 'state'), [(4.0, GateState.COMFORTABLE_STOP), (4.1, GateState.EMERGENCY_STOP)])
-def test_brakes_that_fade_after_a_while_are_noticed(later, state) -> None:
+@pytest.mark.parametrize(('until', 'state'), [(51, GateState.COMFORTABLE_STOP), (52, GateState.EMERGENCY_STOP)])
+def test_brakes_that_fade_after_a_while_are_noticed(until, state) -> None:
     gate = driving_gate()
     gate.observe(5.0, at(0.0))
     gate.tick(at(0.31))
-    for i in range(4, 47):
+    for i in range(4, until):
+        # Half a metre per second slower by every second until 3 s, and no more from then on.
         gate.propose(proposal(0.1 * i), at(0.1 * i))
-        gate.observe(4.5 if i < 30 else later, at(0.1 * i))
+        gate.observe(5.0 - 0.05 * min(i, 30), at(0.1 * i))
+        gate.tick(at(0.1 * i))
     assert gate.state is state
 
 

@@ -20,7 +20,9 @@ def test_nodes_end_with_the_command_that_started_them(tmp_path, number) -> None:
     bag = tmp_path / 'bag'
     with reserve_domain(None) as domain:
         command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'record', '--out', str(bag), '--domain', str(domain)]
-        record = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
+        # The test may run under nohup, which the command would heed.
+        heeding = lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL)  # noqa: E731
+        record = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL, preexec_fn=heeding)
         deadline = time.monotonic() + 60.0
         while not list(tmp_path.rglob('*.mcap')):
             assert time.monotonic() < deadline

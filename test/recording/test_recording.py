@@ -334,3 +334,49 @@ def test_what_a_killed_recorder_left_is_never_overwritten(tmp_path) -> None:
             again()
     assert main(['record', '--out', str(tmp_path / 'day')]) == 1
     assert recover(tmp_path / 'day', tmp_path / 'saved').counts == {topics.ODOMETRY: 1}
+
+
+def test_a_recorder_that_had_heard_nothing_may_be_started_again(tmp_path) -> None:
+    for _ in range(2):
+        recording = Recording(tmp_path / 'day', {})
+        recording.write(*said(topics.DIAGNOSTICS, 1))
+        recording.flush()
+    recording.write(*said(topics.ODOMETRY, 10))
+    assert bag_info(recording.close()[0])['messages'] == 2
+
+
+def test_hours_without_a_vehicle_keep_what_is_said_once(tmp_path) -> None:
+    recording = Recording(tmp_path / 'bag', {})
+    recording.write(*said(topics.ROUTE, 1))
+    for number in range(1500):
+        recording.write(*said(topics.DIAGNOSTICS, 1_700_000_000_000_000_000 + number))
+    recording.write(*said(topics.ODOMETRY, 100_000_000_000))
+    info = bag_info(recording.close()[0])
+    assert info['duration_s'] == 0.0
+    assert {row['topic']: row['messages'] for row in info['topics']} == {
+        topics.ROUTE: 1,
+        topics.DIAGNOSTICS: 999,
+        topics.ODOMETRY: 1,
+    }
+
+
+def test_a_split_says_what_is_said_once_just_once(tmp_path) -> None:
+    recording = Recording(tmp_path / 'bag', {}, split_s=1.0)
+    recording.write(*said(topics.ODOMETRY, 10_000_000_000))
+    recording.write(*said(topics.ROUTE, 11_000_000_000))
+    assert [bag_info(bag)['messages'] for bag in recording.close()] == [1, 1]
+
+
+def test_only_what_is_said_once_can_be_cut_out(tmp_path) -> None:
+    with BagWriter(tmp_path / 'old') as bag:
+        bag.write_raw(*said(topics.ROUTE, 1))
+        bag.write_raw(*said(topics.ODOMETRY, 5_000_000_000))
+    assert cut(tmp_path / 'old', tmp_path / 'new', patterns=(topics.ROUTE,)) == {topics.ROUTE: 1}
+
+
+def test_a_ring_of_its_own_diagnostics_holds_nothing_worth_a_snapshot(tmp_path) -> None:
+    ring = RingBuffer(5.0)
+    ring.add(*said(topics.DIAGNOSTICS, 1), 1)
+    assert ring.save(tmp_path / 'shot', {}) == 0
+    ring.add(*said(topics.ODOMETRY, 2), 2)
+    assert ring.save(tmp_path / 'shot', {}) == 2
