@@ -147,6 +147,9 @@ def _stopping(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None
     }
 
 
+HOW = {'computed': 'computed for a car', 'measured': 'measured in lock-step (whole ticks of 0.1 s)'}
+
+
 def _print(body: dict[str, Any]) -> None:
     print(f'python {body["python"]} on {body["machine"]}, {body["cores"]} cores')
     for name, version in body['versions'].items():
@@ -169,8 +172,8 @@ def _print(body: dict[str, Any]) -> None:
         )
     for name, found in (body.get('stopping') or {}).items():
         print(
-            f'dead planner at {found["speed_mps"]:.1f} m/s, {name}: detection {found["detection_s"]:.2f} + reaction '
-            f'{found["reaction_s"]:.2f} + settle {found["settle_s"]:.2f} = {found["total_s"]:.2f} s, '
+            f'dead planner at {found["speed_mps"]:.1f} m/s, {HOW[name]}: detection {found["detection_s"]:.2f} + '
+            f'reaction {found["reaction_s"]:.2f} + settle {found["settle_s"]:.2f} = {found["total_s"]:.2f} s, '
             f'{found["distance_m"]:.1f} m'
         )
     for problem in body['problems']:

@@ -8,8 +8,10 @@ from pathlib import Path
 EXAMPLES = """examples:
   raw2drive drive                                   the shipped policy, wall-clock gate
   raw2drive drive --bundle runs/bundle --lock-step  for a bridge in lock-step
+  raw2drive drive --gate my_car.yaml                your car's limits (a copy of params/gate.yaml)
   raw2drive drive --sim-time                        for a simulation in real time: stamps are those of /clock
 
+When the planner dies, the gate stops the car before everything ends, and so it does on Ctrl-C.
 The gate's stop is latched; re-activate with the service /safety_gate/activate (std_srvs/Trigger)."""
 
 
@@ -18,19 +20,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--lock-step', action='store_true', help='measure silence by /clock instead of the wall')
     parser.add_argument('--sim-time', action='store_true', help='stamps are those of /clock, silence goes by the wall')
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
+    parser.add_argument('--gate', type=Path, help='file like params/gate.yaml: limits and stops of your car')
+    parser.add_argument('--monitor', type=Path, help='file like params/monitor.yaml: what counts as a bad sensor')
     parser.add_argument('--domain', type=int, default=0, help='ROS domain')
 
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.single import run_single
     from raw2drive_ros.driving.bundle import load_bundle
+    from raw2drive_ros.driving.gate_config import load_gate_config
+    from raw2drive_ros.driving.monitor_config import load_monitor_config
     from raw2drive_ros.paths import default_bundle
 
     bundle = (options.bundle or default_bundle()).resolve()
     load_bundle(bundle)
+    load_gate_config(options.gate)
+    load_monitor_config(options.monitor)
     simulated = options.lock_step or options.sim_time
     nodes = {
-        'safety_gate': {'clock': 'ros' if options.lock_step else 'steady', 'simulated': simulated},
-        'planner': {'bundle': str(bundle), 'image_transport': options.image_transport},
+        'safety_gate': {
+            'clock': 'ros' if options.lock_step else 'steady',
+            'simulated': simulated,
+            'config': str(options.gate.resolve()) if options.gate else '',
+        },
+        'planner': {
+            'bundle': str(bundle),
+            'image_transport': options.image_transport,
+            'monitor': str(options.monitor.resolve()) if options.monitor else '',
+        },
     }
-    return run_single(nodes, options.domain, sim_time=simulated)
+    # When the planner dies, the gate first stops the car; it ends by itself when it is asked to, and stops it then too.
+    return run_single(nodes, options.domain, sim_time=simulated, end_within_s=10.0, survivor='safety_gate')

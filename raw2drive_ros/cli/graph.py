@@ -102,10 +102,17 @@ class Graph:
         for name, process in self.processes.items():
             code = process.poll()
             if code is not None and not (name in may_end and code == 0):
-                raise GraphError(f'{name} ended with code {code}: {self.last_words(name)}')
+                raise GraphError(self.how_it_ended(name))
 
     def ended(self, name: str) -> bool:
         return self.processes[name].poll() is not None
+
+    def how_it_ended(self, name: str) -> str:
+        """Of a process that has: its code and last words, or the signal that killed it, which had no last words."""
+        code = self.processes[name].returncode
+        if code < 0:
+            return f'{name} was killed by {signal.Signals(-code).name}'
+        return f'{name} ended with code {code}: {self.last_words(name)}'
 
     def last_words(self, name: str) -> str:
         """The most telling line of a process's log."""
@@ -143,6 +150,8 @@ def running_graph(folder: Path, domain: int) -> Iterator[Graph]:
     """A graph that is ended however the block is left."""
     from raw2drive_ros.nodes.transport import child_environment
 
+    if not 0 <= domain <= 101:
+        raise DomainBusyError(f'ROS domain {domain} is outside 0 .. 101')
     graph = Graph(folder, child_environment(domain, folder / 'ros'))
     try:
         yield graph

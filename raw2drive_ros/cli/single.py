@@ -10,11 +10,22 @@ from typing import Any
 
 from raw2drive_ros.cli.graph import END_WITHIN_S, GraphError, running_graph
 
+# The gate's comfortable stop, then its emergency stop, from any speed it allows.
+SURVIVES_S = 8.0
+
 
 def run_single(
-    nodes: dict[str, dict[str, Any]], domain: int, *, sim_time: bool = True, end_within_s: float = END_WITHIN_S
+    nodes: dict[str, dict[str, Any]],
+    domain: int,
+    *,
+    sim_time: bool = True,
+    end_within_s: float = END_WITHIN_S,
+    survivor: str = '',
 ) -> int:
-    """Start each node with its parameters, pass their log lines on, and end them all together."""
+    """Start each node with its parameters, pass their log lines on, and end them all together.
+
+    survivor: a node that is given SURVIVES_S to do what has to be done when another one has died.
+    """
     with tempfile.TemporaryDirectory(prefix='raw2drive_') as folder, running_graph(Path(folder), domain) as graph:
         for name, parameters in nodes.items():
             graph.start(name, parameters, sim_time=sim_time, end_within_s=end_within_s)
@@ -25,11 +36,20 @@ def run_single(
                 offsets[name] = _follow(Path(folder) / f'{name}.log', offsets[name])
             done = [name for name in nodes if graph.ended(name)]
             if done:
-                code = graph.processes[done[0]].returncode
-                if code:
-                    raise GraphError(f'{done[0]}: {graph.last_words(done[0])}')
+                if survivor and survivor not in done:
+                    print(f'{graph.how_it_ended(done[0])}; {survivor} goes on for {SURVIVES_S:.0f} s', file=sys.stderr)
+                    _follow_for(Path(folder) / f'{survivor}.log', offsets[survivor], SURVIVES_S)
+                if graph.processes[done[0]].returncode:
+                    raise GraphError(graph.how_it_ended(done[0]))
                 return 0
             time.sleep(0.2)
+
+
+def _follow_for(path: Path, offset: int, seconds: float) -> None:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        offset = _follow(path, offset)
+        time.sleep(0.2)
 
 
 def _follow(path: Path, offset: int) -> int:

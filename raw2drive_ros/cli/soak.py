@@ -19,10 +19,12 @@ EXAMPLES = """examples:
 Bridge (all routes of a suite, again and again), planner, gate, and a recorder that keeps the last seconds in memory.
 Memory (without what is shared), handles, threads and shared-memory segments of every process and the size of the log
 folder are sampled; from an hour (simulated) after the graph's start on, memory and logs may grow by a MiB per hour, and
-the rest not at all. Exit code 1 when one does, or when a process ends."""
+the rest not at all. Exit code 1 when one does, or when a process ends; 3 when no start
+lasted twice the warm-up, so that there is no verdict."""
 
 SNAPSHOT_S = 5.0
 KEPT_SNAPSHOTS = 3
+NO_VERDICT = 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.errors import UsageError
     from raw2drive_ros.evaluation.soak import drop_half_line, read_samples, totals
 
-    if options.hours < 0 or options.every <= 0 or options.warm_up < 0:
+    if not (0 <= options.hours < 10_000 and options.every > 0 and options.warm_up >= 0):
         raise UsageError('--hours and --warm-up must not be negative, --every must be positive')
     if options.graphs < 1 or (options.graphs > 1 and options.domain is not None):
         raise UsageError('--graphs must be at least 1, and several graphs choose their domains themselves')
@@ -175,7 +177,7 @@ def _report(options: argparse.Namespace, samples: list[Sample]) -> int:
         print(
             json.dumps(summed | {'steady': not grown if found else None, 'trends': [to_json(trend) for trend in found]})
         )
-        return 1 if grown else 0
+        return 1 if grown else 0 if found else NO_VERDICT
     _print(found)
     print(
         f'{summed["simulated_h"]:.2f} simulated hours in {summed["wall_h"]:.2f} h of running graphs, '
@@ -185,7 +187,7 @@ def _report(options: argparse.Namespace, samples: list[Sample]) -> int:
         print(f'no verdict: no start lasted twice the warm-up of {options.warm_up:g} h')
     for trend in grown:
         print(f'GROWS: {trend.name} in part {trend.part}: {trend.per_hour:+.2f} per hour, allowed {trend.allowed:g}')
-    return 1 if grown else 0
+    return 1 if grown else 0 if found else NO_VERDICT
 
 
 def _print(found: list[Any]) -> None:

@@ -152,7 +152,7 @@ class Gate:
             return self._crowded
         if self.state is GateState.DRIVING:
             return 'the car is driving already'
-        if self.state in STOPS and self.speed_mps is not None and self._moves:
+        if self.state in STOPS and self.speed_mps is not None and self.moves:
             return f'the car still drives at {self.speed_mps:.1f} m/s'
         self.state, self.reason = GateState.WAITING, 're-activated'
         self._last_valid = self._last_odometry = self.speed_mps = None
@@ -184,7 +184,7 @@ class Gate:
         """A valid proposal while driving: watched over time, cut to the limits."""
         if self._oscillation.see(wanted.steer, self._clock(now)):
             self._stop(GateState.COMFORTABLE_STOP, f'steering swings to and fro {self.limits.swings} times', now)
-        elif self._saturation.see(wanted.steer if self._moves else 0.0, self._clock(now)):
+        elif self._saturation.see(wanted.steer if self.moves else 0.0, self._clock(now)):
             self._stop(GateState.COMFORTABLE_STOP, f'full lock for {self.limits.saturated_after_s:.0f} s', now)
         if self.state is not GateState.DRIVING:
             return self.tick(now)
@@ -196,7 +196,7 @@ class Gate:
         return control
 
     @property
-    def _moves(self) -> bool:
+    def moves(self) -> bool:
         """A speed that is not known counts as moving."""
         return self.speed_mps is None or abs(self.speed_mps) > self.limits.standing_mps
 
@@ -214,7 +214,7 @@ class Gate:
         elif self.speed_mps is not None and abs(self.speed_mps) <= self._slowed_to_mps - limits.slowing_mps:
             # Again and again: brakes may fade, and hills begin.
             self._slowed, self._slowed_to_mps = now, abs(self.speed_mps)
-        elif self.speed_mps is not None and self._moves and self._since(self._slowed, now) > limits.slowing_after_s:
+        elif self.speed_mps is not None and self.moves and self._since(self._slowed, now) > limits.slowing_after_s:
             self._stop(GateState.EMERGENCY_STOP, 'the car does not slow down', now)
 
     def _watch_driving(self, now: Moment, back_s: float) -> None:

@@ -39,7 +39,8 @@ def recorded_proposals(bag: Path) -> dict[int, Control]:
     found: dict[int, Control] = {}
     with open_bag(bag) as reader:
         connections = [c for c in reader.connections if c.topic == topics.PROPOSED]
-        for connection, _, data in messages_in(reader, connections=connections):
+        # An empty list would mean all of them.
+        for connection, _, data in messages_in(reader, connections=connections) if connections else ():
             decision = decision_from_message(decoded(factory, reader, connection, data))
             found[decision.stamp_ns] = decision.control
     if not found:

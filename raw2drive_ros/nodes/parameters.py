@@ -10,14 +10,22 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 Check = Callable[[Any], object]
+# Of every node, by rclpy.
+BUILT_IN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 def declare(node: Node, table: dict[str, tuple[Any, str]], live: dict[str, Check] | None = None) -> dict[str, Any]:
-    """name -> (default, description); returns the values in force.
+    """name -> (default, description); returns the values in force. Raises ValueError for a name that nobody knows: a
+    mistyped one must not leave a default in force.
 
     live: parameters that may be set while the node runs, each with a check that raises ValueError for a value that will
     not do. All others are read once: setting them later is refused with that reason, instead of being ignored.
     """
+    # rclpy has no public list of what was given at the start.
+    given = getattr(node, '_parameter_overrides', {})
+    unknown = sorted(name for name in given if name not in table and not name.startswith(BUILT_IN))
+    if unknown:
+        raise ValueError(f'no such parameter: {", ".join(unknown)}; {node.get_name()} knows {", ".join(table)}')
     values = {}
     for name, (default, description) in table.items():
         parameter = node.declare_parameter(name, default, ParameterDescriptor(description=description))

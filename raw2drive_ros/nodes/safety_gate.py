@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -20,12 +21,20 @@ from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
-from raw2drive_ros.nodes.runtime import run_node, steady_clock
+from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_clock
 from raw2drive_ros.timing import load_timing
+
+STOP_AT_END_S = 8.0
 
 
 class SafetyGateNode(Node):
-    """`clock: steady` counts silence by the wall (a car); `clock: ros` by /clock (lock-step simulation)."""
+    """`clock: steady` counts silence by the wall (a car); `clock: ros` by /clock (lock-step simulation).
+
+    A gate that is asked to end (Ctrl-C, SIGTERM) while a real car moves stops it first, for STOP_AT_END_S at most.
+    """
+
+    drains = True
+    stop: StopRequest
 
     def __init__(self) -> None:
         super().__init__('safety_gate')
@@ -44,6 +53,9 @@ class SafetyGateNode(Node):
         config = load_gate_config(Path(p['config']) if p['config'] else None)
         self.make_gate = lambda: Gate(config.gate_limits(timing), config.motion_limits(), self.steady)
         self.gate = self.make_gate()
+        limits = ', '.join(f'{name} {value:g}' for name, value in config.motion.model_dump().items())
+        self.get_logger().info(f'{p["config"] or "shipped gate.yaml"}: {limits}')
+        self.simulated = bool(p['simulated'])
         self.factory = RclpyFactory()
         self.losses = LossCounter()
         self.output = make_publisher(self, topics.COMMAND)
@@ -59,6 +71,15 @@ class SafetyGateNode(Node):
         self.create_timer(1.0, self.diagnostics.publish, clock=steady)
         # On the steady clock: a paused simulation must not silence the gate.
         self.create_timer(1.0 / timing.gate_rate_hz, self._on_timer, clock=steady)
+
+    def run(self, executor: SingleThreadedExecutor) -> None:
+        spin(self, executor, until=lambda: self.stop.requested)
+        if self.simulated or self.gate.state is GateState.WAITING:
+            return
+        self.gate.refuse('the gate was asked to end', self._now())
+        deadline = time.monotonic() + STOP_AT_END_S
+        while time.monotonic() < deadline and self.gate.moves:
+            executor.spin_once(timeout_sec=0.05)
 
     def _now(self) -> Moment:
         return Moment(time.monotonic(), self.get_clock().now().nanoseconds * 1e-9)

@@ -1,0 +1,61 @@
+"""`raw2drive drive` on the example vehicle: whoever dies or ends it, the gate stops the car first."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from raw2drive_ros.cli.graph import reserve_domain, running_graph
+
+ROOT = Path(__file__).resolve().parents[2]
+WATCH = """
+import rclpy
+from msg_adapters.sensors import odometry_from_message
+from raw2drive_ros import topics
+from raw2drive_ros.nodes.quality import LossCounter, make_subscription
+from raw2drive_ros.nodes.transport import configure_transport
+configure_transport()
+rclpy.init()
+node = rclpy.create_node('watch')
+make_subscription(
+    node, topics.ODOMETRY, lambda m: print(round(odometry_from_message(m).speed_mps, 3), flush=True), LossCounter()
+)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.parametrize('how', ['planner killed', 'ctrl-c'])
+def test_the_gate_stops_the_car_before_everything_ends(tmp_path, how) -> None:
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        for name, arguments in {
+            'toy': [str(ROOT / 'examples' / 'vehicle_interface' / 'toy_vehicle.py')],
+            'watch': ['-c', WATCH],
+        }.items():
+            graph.processes[name] = subprocess.Popen(
+                [sys.executable, *arguments], cwd=ROOT, env=graph.environment, stdout=subprocess.PIPE, text=True
+            )
+        command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'drive', '--domain', str(domain)]
+        drive = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+        watch = graph.processes['watch'].stdout
+        deadline = time.monotonic() + 90.0
+        while float(watch.readline()) < 2.0:
+            assert time.monotonic() < deadline, 'it never drove'
+        if how == 'ctrl-c':
+            drive.send_signal(signal.SIGINT)
+        else:
+            nodes = psutil.Process(drive.pid).children()
+            (planner,) = [node for node in nodes if any('nodes.planner' in part for part in node.cmdline())]
+            os.kill(planner.pid, signal.SIGKILL)
+        said = drive.communicate(timeout=60.0)[1]
+        graph.processes['watch'].terminate()
+        speeds = [float(line) for line in watch if line.strip()]
+    assert drive.returncode == (130 if how == 'ctrl-c' else 1)
+    if how != 'ctrl-c':
+        assert 'planner was killed by SIGKILL; safety_gate goes on' in said
+        assert 'comfortable_stop: no valid proposal' in said
+    assert speeds[-1] == 0.0
