@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.nodes.transport import child_environment
 
 PEER = Path(__file__).with_name('peer.py')
 ROOT = PEER.parents[2]
@@ -58,3 +59,13 @@ def test_a_planner_that_cannot_configure_stays_unconfigured_and_says_why(tmp_pat
         log = (tmp_path / 'planner.log').read_text()
     assert peer.stdout.split() == ['False', 'unconfigured'], peer.stderr[-2000:]
     assert 'no policy bundle there' in log
+
+
+def test_a_mistyped_parameter_is_an_error_and_not_a_default(tmp_path) -> None:
+    command = [sys.executable, '-m', 'raw2drive_ros.nodes.safety_gate', '--ros-args', '-p', 'confg:=my_car.yaml']
+    with reserve_domain(None) as domain:
+        gate = subprocess.run(
+            command, cwd=ROOT, env=child_environment(domain, tmp_path), capture_output=True, text=True, timeout=60
+        )
+    assert gate.returncode == 1
+    assert gate.stderr.strip() == 'error: no such parameter: confg; safety_gate knows clock, simulated, config'

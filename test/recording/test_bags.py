@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from raw2drive_ros import topics
+from raw2drive_ros.evaluation.verify import recorded_proposals
 from raw2drive_ros.recording import bag_writer
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import BagError, find_bags, open_bag, read_ticks
@@ -79,6 +80,11 @@ def test_a_bag_without_privileged_topics_names_what_is_missing(tmp_path) -> None
             writer.write(topic, stamp, message)
     with pytest.raises(BagError, match=r'privileged stream needs /privileged/bev'):
         load_bag(tmp_path / 'bag', tmp_path / 'cache', NANO, cameras=False)
+
+
+def test_a_bag_without_decisions_cannot_be_verified_and_says_so(bag) -> None:
+    with pytest.raises(BagError, match='has no /control/proposed; record a drive'):
+        recorded_proposals(bag)
 
 
 def test_no_bags_at_all_is_a_clear_error(tmp_path) -> None:
