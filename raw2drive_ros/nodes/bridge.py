@@ -100,8 +100,8 @@ class BridgeNode(Node):
         self.reset_to: RouteId | None = None
         self.proposed: Decision | None = None
         self.paused = False
-        # Some hours: who drives on for ever may not remember for ever.
-        self.tick_ms: deque[float] = deque(maxlen=100_000)
+        # Who drives on for ever may not remember for ever; what fills for hours looks like a leak.
+        self.tick_ms: deque[float] = deque(maxlen=10_000 if self.endless else 100_000)
         self.recent_ms: deque[float] = deque(maxlen=50)
         self.results: deque[dict[str, Any]] = deque(maxlen=1 if self.endless else None)
         self.episode = ''
