@@ -15,14 +15,17 @@ from raw2drive_ros.cli.graph import reserve_domain
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def not_under_nohup() -> None:
+    """Whoever runs the tests may ignore SIGHUP, and the command would heed that."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize('number', [signal.SIGHUP, signal.SIGKILL])
 def test_nodes_end_with_the_command_that_started_them(tmp_path, number) -> None:
     bag = tmp_path / 'bag'
     with reserve_domain(None) as domain:
         command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'record', '--out', str(bag), '--domain', str(domain)]
-        # The test may run under nohup, which the command would heed.
-        heeding = lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL)  # noqa: E731
-        record = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL, preexec_fn=heeding)
+        record = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL, preexec_fn=not_under_nohup)
         deadline = time.monotonic() + 60.0
         while not list(tmp_path.rglob('*.mcap')):
             assert time.monotonic() < deadline
