@@ -33,6 +33,7 @@ test-long: $(STAMP)
 
 # Every change of the safety gate's logic that no test notices.
 mutants: $(STAMP)
+	rm -rf mutants
 	$(BIN)/python -m mutmut run
 	$(BIN)/python -m mutmut results
 

@@ -147,9 +147,6 @@ def _stopping(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None
     }
 
 
-HOW = {'computed': 'computed for a car', 'measured': 'measured in lock-step (whole ticks of 0.1 s)'}
-
-
 def _print(body: dict[str, Any]) -> None:
     print(f'python {body["python"]} on {body["machine"]}, {body["cores"]} cores')
     for name, version in body['versions'].items():
@@ -170,9 +167,11 @@ def _print(body: dict[str, Any]) -> None:
             f'images to command: p50 {latency["images_to_command_p50"]} ms, '
             f'p99 {latency["images_to_command_p99"]} ms of {budget:.0f} ms'
         )
+    tick_s = 1.0 / timing['decision_rate_hz']
+    how = {'computed': 'computed for a car', 'measured': f'measured in lock-step (whole ticks of {tick_s:g} s)'}
     for name, found in (body.get('stopping') or {}).items():
         print(
-            f'dead planner at {found["speed_mps"]:.1f} m/s, {HOW[name]}: detection {found["detection_s"]:.2f} + '
+            f'dead planner at {found["speed_mps"]:.1f} m/s, {how[name]}: detection {found["detection_s"]:.2f} + '
             f'reaction {found["reaction_s"]:.2f} + settle {found["settle_s"]:.2f} = {found["total_s"]:.2f} s, '
             f'{found["distance_m"]:.1f} m'
         )

@@ -10,7 +10,7 @@ from typing import Any
 
 from raw2drive_ros.cli.graph import END_WITHIN_S, GraphError, running_graph
 
-# The gate's comfortable stop, then its emergency stop, from any speed it allows.
+# The gate's comfortable stop, then its emergency stop with the shipped brakes: enough from 30 m/s.
 SURVIVES_S = 8.0
 
 
