@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,9 @@ EXAMPLES = """examples:
   raw2drive bag cut runs/demo/bag --topics '/sensing/*' '/vehicle/*' --out runs/sensors
   raw2drive bag merge runs/a runs/b --out runs/both
 
+gap: the largest between two messages of a topic. Types are shown from 110 columns on, and by --json.
 A recorder that was killed leaves .NAME.partial; give NAME, that folder, or the .mcap file in it."""
+WIDE = 110
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +84,10 @@ def _cut(options: argparse.Namespace) -> int:
 def _merge(options: argparse.Namespace) -> int:
     from raw2drive_ros.recording.bag_edit import merge
 
-    _report(options, merge(options.bags, options.out))
+    merged = merge(options.bags, options.out)
+    if merged.doubled:
+        print(f'{merged.doubled} messages were in several bags and are there once', file=sys.stderr)
+    _report(options, merged.counts)
     return 0
 
 
@@ -104,6 +110,7 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _print_info(info: dict[str, Any]) -> None:
+    from rich import box
     from rich.console import Console
     from rich.table import Table
 
@@ -113,17 +120,17 @@ def _print_info(info: dict[str, Any]) -> None:
     )
     for key, value in info['provenance'].items():
         console.print(f'  {key}: {value}', highlight=False)
-    table = Table()
-    for column in ('topic', 'type', 'messages', 'rate Hz', 'largest gap s'):
-        table.add_column(column, justify='left' if column in ('topic', 'type') else 'right')
+    # Names are what people look for: they are never cut, and types stand beside them where there is room.
+    wide = console.width >= WIDE
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column('topic', overflow='fold')
+    if wide:
+        table.add_column('type', no_wrap=True)
+    for column in ('messages', 'rate Hz', 'gap s'):
+        table.add_column(column, justify='right', no_wrap=True)
     for topic in info['topics']:
-        table.add_row(
-            topic['topic'],
-            topic['type'],
-            str(topic['messages']),
-            f'{topic["rate_hz"]:.1f}',
-            f'{topic["largest_gap_s"]:.2f}',
-        )
+        figures = (str(topic['messages']), f'{topic["rate_hz"]:.1f}', f'{topic["largest_gap_s"]:.2f}')
+        table.add_row(topic['topic'], *([topic['type']] if wide else []), *figures)
     console.print(table)
     if info['episodes']:
         console.print(

@@ -19,7 +19,8 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class
 from raw2drive_ros.nodes.runtime import NodeError, StopRequest, run_node, spin, steady_clock
-from raw2drive_ros.recording.bag_writer import BagExistsError, DiskFullError, partial_folder
+from raw2drive_ros.recording.bag_reader import partial_folder
+from raw2drive_ros.recording.bag_writer import BagExistsError, DiskFullError
 from raw2drive_ros.recording.recording import Recording, RingBuffer
 
 DEPTH = 200

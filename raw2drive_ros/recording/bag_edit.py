@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import heapq
+import itertools
+import math
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from rosbags.rosbag2 import Reader
 
+from raw2drive_ros import topics
 from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import BagError, begin_ns, messages_in, open_bag, said_once
 from raw2drive_ros.recording.bag_writer import BagWriter
+
+# No wall clock shows a time so near 1970, ten years, and no simulation runs so long.
+SIMULATED_BELOW_NS = 10 * 365 * 86_400 * 10**9
+ONE_PUBLISHER = frozenset(
+    spec.name for spec in topics.TOPICS if not spec.latched and spec.name not in (topics.CLOCK, topics.DIAGNOSTICS)
+)
 
 
 @contextmanager
@@ -37,34 +47,51 @@ def cut(
 
     What is said once (routes, mounting poses) comes along from before. Returns messages per topic. Raises BagError.
     """
-    if not start_s < end_s:
-        raise BagError(f'nothing lies between {start_s} s and {end_s} s')
+    if not 0.0 <= start_s < end_s:
+        raise BagError(f'nothing lies between {start_s:g} s and {end_s:g} s: give 0 <= --start < --end')
     with open_bag(bag) as reader:
+        matching = [c for c in reader.connections if any(fnmatchcase(c.topic, pattern) for pattern in patterns)]
+        if not matching:
+            raise BagError(f'{bag}: no topic matches {", ".join(patterns)}; `raw2drive bag info` lists them')
         begins_ns = begin_ns(reader)
-        start_ns, end_ns = begins_ns + start_s * 1e9, begins_ns + end_s * 1e9
+        # In whole nanoseconds: a float that counts from 1970 is off by hundreds of them.
+        start_ns = begins_ns + round(start_s * 1e9)
+        end_ns = reader.end_time + 1 if math.isinf(end_s) else begins_ns + round(end_s * 1e9)
         facts = provenance_of(bag) | {'cut_from': bag.name, 'cut': f'{start_s:g} s to {end_s:g} s'}
         latched: dict[str, tuple[Any, bytes]] = {}
         with whole_bag(out, facts) as writer:
-            for connection, stamp_ns, data in messages_in(reader):
-                if not any(fnmatchcase(connection.topic, pattern) for pattern in patterns) or stamp_ns >= end_ns:
+            for connection, stamp_ns, data in messages_in(reader, connections=matching):
+                if stamp_ns >= end_ns:
                     continue
                 if stamp_ns < start_ns:
                     if said_once(connection):
                         latched[connection.topic] = connection, bytes(data)
                     continue
                 for topic, (source, old) in latched.items():
-                    writer.write_raw(topic, round(start_ns), old, _type_of(source))
+                    writer.write_raw(topic, start_ns, old, _type_of(source))
                 latched.clear()
                 writer.write_raw(connection.topic, stamp_ns, bytes(data), _type_of(connection))
             for topic, (source, old) in latched.items() if start_ns <= reader.end_time else ():
-                writer.write_raw(topic, round(start_ns), old, _type_of(source))
+                writer.write_raw(topic, start_ns, old, _type_of(source))
             if not writer.counts:
                 raise BagError(f'{bag}: no message there: it lasts {(reader.end_time - begins_ns) * 1e-9:.1f} s')
             return dict(writer.counts)
 
 
-def merge(bags: list[Path], out: Path) -> dict[str, int]:
-    """All messages of all bags in order of time; returns messages per topic. Raises BagError."""
+@dataclass(frozen=True, slots=True)
+class Merged:
+    """counts: messages per topic in the new bag. doubled: messages that several bags had, of which one was kept."""
+
+    counts: dict[str, int]
+    doubled: int
+
+
+def merge(bags: list[Path], out: Path) -> Merged:
+    """All messages of all bags in order of time, those that several bags have once.
+
+    Raises BagError, also when the bags do not tell of one drive: different clocks, or different messages of one of our
+    topics at the same time.
+    """
     with ExitStack() as stack:
         readers = [stack.enter_context(open_bag(bag)) for bag in bags]
         types: dict[str, str] = {}
@@ -74,14 +101,37 @@ def merge(bags: list[Path], out: Path) -> dict[str, int]:
                     raise BagError(
                         f'{bag}: {connection.topic} is {connection.msgtype}, elsewhere {types[connection.topic]}'
                     )
+        _require_one_clock(bags, readers)
         facts = {'merged_from': ', '.join(bag.name for bag in bags)}
         for number, bag in enumerate(bags):
             facts |= {f'{number}_{key}': value for key, value in provenance_of(bag).items()}
+        doubled = 0
         with whole_bag(out, facts) as writer:
             streams = [_stream(reader, number) for number, reader in enumerate(readers)]
-            for stamp_ns, _, _, connection, data in heapq.merge(*streams, key=lambda item: item[:3]):
-                writer.write_raw(connection.topic, stamp_ns, data, _type_of(connection))
-            return dict(writer.counts)
+            merged = heapq.merge(*streams, key=lambda item: item[:3])
+            for stamp_ns, together in itertools.groupby(merged, key=lambda item: item[0]):
+                seen: dict[tuple[str, bytes], int] = {}
+                says: dict[str, int] = {}
+                for _, number, _, connection, data in together:
+                    topic = connection.topic
+                    if seen.setdefault((topic, data), number) != number:
+                        doubled += 1
+                        continue
+                    if topic in ONE_PUBLISHER and says.setdefault(topic, number) != number:
+                        raise BagError(
+                            f'{bags[number]} and {bags[says[topic]]}: different {topic} at {stamp_ns} ns: '
+                            'these are different drives, which cannot be one bag'
+                        )
+                    writer.write_raw(topic, stamp_ns, data, _type_of(connection))
+            return Merged(dict(writer.counts), doubled)
+
+
+def _require_one_clock(bags: list[Path], readers: list[Reader]) -> None:
+    begins = [begin_ns(reader) for reader in readers]
+    simulated = [bag for bag, begin in zip(bags, begins, strict=True) if begin < SIMULATED_BELOW_NS]
+    if simulated and len(simulated) < len(bags):
+        other = next(bag for bag in bags if bag not in simulated)
+        raise BagError(f'{simulated[0]} counts simulated time and {other} that of the wall: they cannot be one bag')
 
 
 def _stream(reader: Reader, number: int) -> Iterator[tuple[int, int, int, Any, bytes]]:

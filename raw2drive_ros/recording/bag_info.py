@@ -12,7 +12,7 @@ from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import transition_from_message
 from raw2drive_ros import topics
 from raw2drive_ros.contract import ContractError
-from raw2drive_ros.recording.bag_reader import BagError, decoded, messages_in, open_bag
+from raw2drive_ros.recording.bag_reader import BagError, begin_ns, decoded, messages_in, open_bag
 
 
 def bag_info(path: Path) -> dict[str, Any]:
@@ -46,7 +46,8 @@ def bag_info(path: Path) -> dict[str, Any]:
                 }
             )
         everything = [t for times in stamps.values() for t in times]
-        duration = (max(everything) - min(everything)) * 1e-9 if everything else 0.0
+        # As `bag cut` and `replay` count: from the first message that is not merely kept for who comes later.
+        duration = (max(everything) - begin_ns(reader)) * 1e-9 if everything else 0.0
         custom = provenance_of(path)
     return {
         'path': str(path),

@@ -30,16 +30,38 @@ class BagError(RuntimeError):
     """A bag cannot be used; the message says which, why, and what to do."""
 
 
+# Of a bag, and what may be given in its folder's place.
+BAG_FILES = ('.mcap', '.db3', '.yaml')
+UNFINISHED = ': its recorder was killed or still writes; once it has ended, `raw2drive bag recover` saves what is there'
+
+
+def partial_folder(path: Path) -> Path:
+    """Where the bag `path` is written until it is whole."""
+    return path.with_name(f'.{path.name}.partial')
+
+
+def _whose(folder: Path) -> str:
+    """What a folder without metadata.yaml probably is."""
+    below = sorted(file.parent.name for file in folder.glob('*/metadata.yaml'))
+    if below:
+        return f'; below it there are bags: {", ".join(below[:4])}{" ..." if len(below) > 4 else ""}'
+    if any(folder.glob('**/*.mcap')):
+        return UNFINISHED
+    return ': nothing in it comes from a recorder'
+
+
 @contextmanager
 def open_bag(path: Path) -> Iterator[Reader]:
     """A rosbags Reader. Raises BagError for anything that is not a whole, readable bag."""
     if not path.exists():
-        raise BagError(f'{path}: no such bag')
+        killed = partial_folder(path).is_dir()
+        raise BagError(f'{path}: no such bag' + (f', but {partial_folder(path).name}{UNFINISHED}' if killed else ''))
     if path.is_file():
+        if path.suffix not in BAG_FILES:
+            raise BagError(f'{path}: not a bag; a bag is a folder with a metadata.yaml and .mcap or .db3 files')
         path = path.parent
     if not (path / 'metadata.yaml').is_file():
-        hint = 'it was not closed; its recorder may have been killed'
-        raise BagError(f'{path}: not a complete bag (no metadata.yaml): {hint}')
+        raise BagError(f'{path}: not a complete bag (no metadata.yaml){_whose(path)}')
     try:
         reader = Reader(path)
         reader.open()

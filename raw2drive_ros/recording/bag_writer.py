@@ -25,6 +25,7 @@ from rosbags.typesys import get_types_from_msg
 
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import __version__, topics
+from raw2drive_ros.recording.bag_reader import partial_folder
 
 MIN_FREE_BYTES = 500_000_000
 CHECK_SPACE_EVERY_BYTES = 50_000_000
@@ -37,11 +38,6 @@ class DiskFullError(OSError):
 
 class BagExistsError(FileExistsError):
     """The target bag exists already, or what a killed recorder left of it; neither is ever overwritten."""
-
-
-def partial_folder(path: Path) -> Path:
-    """Where the bag `path` is written until it is whole."""
-    return path.with_name(f'.{path.name}.partial')
 
 
 def _holds_messages(file: Path) -> bool:

@@ -14,8 +14,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.typesys import TypesysError
 
 from raw2drive_ros.recording.bag_edit import whole_bag
-from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag
-from raw2drive_ros.recording.bag_writer import PROVENANCE, BagWriter, partial_folder
+from raw2drive_ros.recording.bag_reader import BagError, messages_in, open_bag, partial_folder
+from raw2drive_ros.recording.bag_writer import PROVENANCE, BagWriter
 
 
 @dataclass(slots=True)
@@ -38,6 +38,9 @@ def find_mcap(path: Path) -> list[Path]:
     found = sorted(folder.rglob('*.mcap')) if folder.is_dir() else []
     if not found:
         raise BagError(f'{path}: no MCAP file there, nor in {folder.name}')
+    bags = sorted({str(file.parent.relative_to(folder)) for file in found})
+    if len(bags) > 1:
+        raise BagError(f'{path}: holds several bags, give one of them: {", ".join(bags)}')
     return found
 
 

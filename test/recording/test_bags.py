@@ -64,8 +64,21 @@ def test_a_truncated_bag_is_a_clear_error(bag, tmp_path) -> None:
 def test_an_unclosed_bag_is_a_clear_error(bag, tmp_path) -> None:
     shutil.copytree(bag, tmp_path / 'open')
     (tmp_path / 'open' / 'metadata.yaml').unlink()
-    with pytest.raises(BagError, match=r'no metadata\.yaml'), open_bag(tmp_path / 'open'):
+    with pytest.raises(BagError, match=r'no metadata\.yaml.*bag recover'), open_bag(tmp_path / 'open'):
         pass
+
+
+def test_what_is_no_bag_does_not_blame_a_recorder(bag, tmp_path) -> None:
+    (tmp_path / 'notes.txt').write_text('not a bag')
+    (tmp_path / 'empty').mkdir()
+    for path, why in (
+        (tmp_path / 'notes.txt', 'not a bag'),
+        (tmp_path / 'empty', 'nothing in it'),
+        (bag.parent, bag.name),
+    ):
+        with pytest.raises(BagError, match=why) as caught, open_bag(path):
+            pass
+        assert 'recover' not in str(caught.value)
 
 
 def test_a_bag_without_privileged_topics_names_what_is_missing(tmp_path) -> None:

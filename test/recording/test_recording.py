@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -153,10 +154,21 @@ def test_cut_keeps_what_is_said_once_and_the_chosen_topics(bag, tmp_path) -> Non
     assert info['provenance']['cut'] == '2 s to 3 s'
     only = cut(bag, tmp_path / 'motion', patterns=('/vehicle/*', topics.IMU))
     assert set(only) == {topics.ODOMETRY, topics.IMU}
-    for start, end in ((500.0, 600.0), (3.0, 2.0)):
+    for start, end in ((500.0, 600.0), (3.0, 2.0), (-3.0, 2.0)):
         with pytest.raises(BagError, match=r'no message there|nothing lies'):
             cut(bag, tmp_path / 'none', start, end)
+    with pytest.raises(BagError, match='no topic matches /vehicle/odometri'):
+        cut(bag, tmp_path / 'none', patterns=('/vehicle/odometri',))
     assert not list(tmp_path.glob('*none*'))
+
+
+def test_a_cut_without_limits_loses_nothing_of_a_drive_by_the_wall_clock(tmp_path) -> None:
+    # Far from zero a float of nanoseconds is off by hundreds of them.
+    first_ns = 1_764_000_000_123_456_701
+    with BagWriter(tmp_path / 'old', {}) as writer:
+        for number in range(5):
+            writer.write_raw(*said(topics.ODOMETRY, first_ns + number * 50_000_000))
+    assert cut(tmp_path / 'old', tmp_path / 'new') == {topics.ODOMETRY: 5}
 
 
 def test_what_was_cut_apart_is_merged_again(bag, tmp_path) -> None:
@@ -168,6 +180,32 @@ def test_what_was_cut_apart_is_merged_again(bag, tmp_path) -> None:
         assert {(t, bytes(d)) for _, t, d in one.messages(wanted)} == {(t, bytes(d)) for _, t, d in other.messages()}
         stamps = [stamp for _, stamp, _ in other.messages()]
     assert stamps == sorted(stamps)
+
+
+def test_merging_keeps_what_both_have_once_and_refuses_two_drives(bag, tmp_path) -> None:
+    cut(bag, tmp_path / 'imu', patterns=(topics.IMU,))
+    both = merge([bag, tmp_path / 'imu'], tmp_path / 'both')
+    assert both.counts == bag_counts(bag)
+    assert both.doubled == both.counts[topics.IMU]
+    for name, stamp_ns, x_m in (('a', 10**9, 1.0), ('b', 10**9, 2.0), ('wall', 1_764_000_000 * 10**9, 1.0)):
+        with BagWriter(tmp_path / name, {}) as writer:
+            writer.write_raw(*said(topics.ODOMETRY, stamp_ns, x_m))
+    with pytest.raises(BagError, match='different drives'):
+        merge([tmp_path / 'a', tmp_path / 'b'], tmp_path / 'none')
+    with pytest.raises(BagError, match='simulated time'):
+        merge([tmp_path / 'a', tmp_path / 'wall'], tmp_path / 'none')
+    assert not list(tmp_path.glob('*none*'))
+
+
+def test_several_bags_are_not_recovered_as_one(bag, tmp_path) -> None:
+    for name in ('one', 'two'):
+        cut(bag, tmp_path / 'day' / name, patterns=(topics.IMU,))
+    with pytest.raises(BagError, match='one, two'):
+        recover(tmp_path / 'day', tmp_path / 'saved')
+
+
+def bag_counts(bag: Path) -> dict[str, int]:
+    return dict(Counter(topic for topic, _, _ in messages_of(bag)))
 
 
 def messages_of(bag: Path) -> list[tuple[str, int, bytes]]:
@@ -281,14 +319,14 @@ def test_bag_verbs_on_the_command_line(bag, tmp_path, capsys) -> None:
     assert 'exists already' in capsys.readouterr().err
 
 
-def said(topic: str, stamp_ns: int) -> tuple[str, int, bytes]:
+def said(topic: str, stamp_ns: int, x_m: float = 0.0) -> tuple[str, int, bytes]:
     factory = RosbagsFactory()
     if topic == topics.ROUTE:
         message = route_to_message(factory, Route(stamp_ns, np.array([[0.0, 0.0], [30.0, 0.0]])))
     elif topic == topics.DIAGNOSTICS:
         message = diagnostics_to_message(factory, 'x', 0, 'fine', {}, stamp_ns)
     else:
-        message = odometry_to_message(factory, OdometrySample(stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0))
+        message = odometry_to_message(factory, OdometrySample(stamp_ns, x_m, 0.0, 0.0, 0.0, 0.0))
     return topic, stamp_ns, factory.serialize(message, topics.BY_NAME[topic].msgtype)
 
 
