@@ -20,6 +20,7 @@ VERBS = {
     ),
     'adapt': ('adapt', 'translate commands for a vehicle that takes TwistStamped, Ackermann, Autoware or CARLA'),
     'carla': ('carla', 'a car of a CARLA server as the vehicle'),
+    'call': ('call', 'call a service of a running node: activate, pause, reset, seek'),
     'record': ('record', 'record a running graph into an MCAP bag'),
     'replay': ('replay', "play a bag's sensors into the graph"),
     'collect': ('collect', 'drive in process and write training bags'),

@@ -6,6 +6,7 @@ from collections import deque
 
 import numpy as np
 
+from raw2drive_ros import topics
 from raw2drive_ros.contract import (
     CameraCalibration,
     ContractError,
@@ -99,7 +100,10 @@ class RawPlanner:
         self.monitor.refused(name, why, now_ns)
 
     def _decide(self, frame: SensorFrame | None, now_ns: int) -> Decision | None:
-        if frame is None or self.route is None:
+        if frame is None:
+            return None
+        if self.route is None:
+            self.failure = f'no route yet: who publishes {topics.ROUTE}?'
             return None
         if self.answered is not None and self.answered.stamp_ns == frame.stamp_ns:
             # The same tick again: its answer was lost. Deciding twice would move the recurrent state twice.

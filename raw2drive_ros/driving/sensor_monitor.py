@@ -29,11 +29,12 @@ class Health(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong, and what to do about it."""
+    """One thing that is wrong, and what to do about it. unheard: an input that has said nothing since the start."""
 
     health: Health
     cause: str
     remedy: str
+    unheard: bool = False
 
     @property
     def subject(self) -> str:
@@ -170,9 +171,10 @@ class SensorMonitor:
             if silent_ns > allowed_ns:
                 refused = self._refused.get(name)
                 why = f'; refused: {refused[1]}' if refused else ''
-                age = f'newest is {silent_s:.2f} s old' if name in self._heard_ns else f'silent for {silent_s:.2f} s'
-                cause = f'{kind}: {age}{why}'
-                found.append(Finding(Health.STOP, cause, f'is the driver of {kind} alive, is its clock right?'))
+                heard = name in self._heard_ns
+                age = f'newest is {silent_s:.2f} s old' if heard else f'silent for {silent_s:.2f} s'
+                remedy = f'is the driver of {kind} alive, is its clock right?'
+                found.append(Finding(Health.STOP, f'{kind}: {age}{why}', remedy, unheard=not heard and not why))
         return found
 
     def _pictures(self) -> list[Finding]:

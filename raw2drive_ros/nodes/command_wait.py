@@ -83,5 +83,9 @@ class CommandWait:
                 self.policy.accept(newest[1], newest[0])
                 return newest[1]
         control = self.policy.missing(stamp_ns)
-        self.node.get_logger().warning(f'no command for {stamp_ns} ns; applying {control}', throttle_duration_sec=1.0)
+        self.node.get_logger().warning(
+            f'no command at {stamp_ns * 1e-9:.1f} s: throttle {control.throttle:g}, brake {control.brake:g}, '
+            f'steer {control.steer:g} instead',
+            throttle_duration_sec=1.0,
+        )
         return control

@@ -26,6 +26,7 @@ from msg_adapters.factory import RclpyFactory
 from raw2drive_ros import topics
 from raw2drive_ros.contract import ContractError
 from raw2drive_ros.driving.bundle import BundleError, load_bundle
+from raw2drive_ros.driving.health_report import HealthReport
 from raw2drive_ros.driving.monitor_config import load_monitor_config
 from raw2drive_ros.driving.planner_inputs import PlannerInputs
 from raw2drive_ros.driving.raw_planner import RawPlanner
@@ -62,7 +63,7 @@ class PlannerNode(LifecycleNode):
         self.planner: RawPlanner | None = None
         self.inputs: PlannerInputs | None = None
         self.failure = ''
-        self.logged: list[str] = []
+        self.report = HealthReport()
         self.newest_ns = 0
         self.refusal_logged: dict[str, float] = {}
         self._inputs: list[Any] = []
@@ -182,11 +183,14 @@ class PlannerNode(LifecycleNode):
             self._start_anew(back_s)
         self.newest_ns = self._now_ns()
         self.planner.look(self.newest_ns)
-        subjects = [finding.subject for finding in self.planner.findings]
-        if subjects != self.logged:
-            self.logged = subjects
-            for finding in self.planner.findings:
-                self.get_logger().warning(f'{finding.health.name.lower()}: {finding.cause}; {finding.remedy}')
+        lines = self.report.lines(self.planner.findings)
+        for line in lines:
+            # Apart: rclpy wants one severity for each place of call.
+            if line.alarming:
+                self.get_logger().warning(line.text)
+            else:
+                self.get_logger().info(line.text)
+        if lines:
             self.diagnostics.publish()
 
     # -- reporting --------------------------------------------------------------------------------

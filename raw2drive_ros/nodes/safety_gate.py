@@ -25,6 +25,7 @@ from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_cloc
 from raw2drive_ros.timing import load_timing
 
 STOP_AT_END_S = 8.0
+REMIND_S = 10.0
 
 
 class SafetyGateNode(Node):
@@ -59,11 +60,13 @@ class SafetyGateNode(Node):
         self.factory = RclpyFactory()
         self.losses = LossCounter()
         self.output = make_publisher(self, topics.COMMAND)
-        self.logged = ''
+        self.logged: tuple[GateState | None, str] = (None, '')
+        self.said_s = 0.0
         self.last_stamp_ns = 0
         make_subscription(self, topics.PROPOSED, self._on_proposal, self.losses)
         make_subscription(self, topics.ODOMETRY, self._on_odometry, self.losses)
-        self.create_service(Trigger, '~/activate', self._on_activate)
+        activate = self.create_service(Trigger, '~/activate', self._on_activate)
+        self.remedy = f'mend the cause, let the car stand, then: raw2drive call {activate.service_name}'
         if p['simulated']:
             self.create_service(Trigger, '~/start_over', self._on_start_over)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
@@ -109,10 +112,20 @@ class SafetyGateNode(Node):
 
     def _publish(self, answer: Decision) -> None:
         self.output.publish(decision_to_message(self.factory, answer))
-        if self.gate.reason != self.logged:
-            self.logged = self.gate.reason
-            if self.gate.reason:
-                self.get_logger().warning(f'{self.gate.state.value}: {self.gate.reason}')
+        state, reason = self.gate.state, self.gate.reason
+        if (state, reason) != self.logged:
+            self.logged = (state, reason)
+            if state is GateState.DRIVING:
+                self.get_logger().info('driving: proposals pass')
+            elif state is GateState.WAITING:
+                self.get_logger().info(f'waiting: {reason}')
+            else:
+                self.get_logger().warning(f'{state.value}: {reason}')
+            self.said_s = time.monotonic()
+            self.diagnostics.publish()
+        elif state in STOPS and time.monotonic() - self.said_s > REMIND_S:
+            self.said_s = time.monotonic()
+            self.get_logger().warning(f'still in {state.value}: {reason}; {self.remedy}')
 
     def _on_activate(self, request: Any, response: Any) -> Any:
         refusal = self.gate.activate()
@@ -141,7 +154,7 @@ class SafetyGateNode(Node):
             **self.gate.counts,
         }
         if self.gate.state in STOPS:
-            values['remedy'] = 'mend the cause, let the car stand, then call ~/activate'
+            values['remedy'] = self.remedy
         return level, self.gate.reason or self.gate.state.value, values
 
 

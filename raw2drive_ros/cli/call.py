@@ -1,0 +1,51 @@
+"""raw2drive call: a service of a running node, without the `ros2` command that pip does not install."""
+
+from __future__ import annotations
+
+import argparse
+
+EXAMPLES = """examples:
+  raw2drive call                                        what can be called in this domain
+  raw2drive call /safety_gate/activate                  drive on after a latched stop; the car must stand
+  raw2drive call /bridge/pause true
+  raw2drive call /bridge/reset --set scenario=Accident --set seed=3
+  raw2drive call /player/seek --set start_s=12 --domain 7
+  raw2drive call /planner/change_state deactivate       configure, activate, deactivate, cleanup
+
+--set sets parameters of the service's node first. Exit code 1: no such service, or it refused."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('service', nargs='?', default='', help='full name; without one, list them')
+    parser.add_argument('argument', nargs='?', default='', help='true or false, or the name of a transition')
+    parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE', help='may be given several times')
+    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+
+
+def run(options: argparse.Namespace) -> int:
+    import json
+    import tempfile
+    from pathlib import Path
+
+    import yaml
+
+    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.cli.graph import GraphError, running_graph
+
+    if options.service and not options.service.startswith('/'):
+        raise UsageError(f'{options.service}: give the full name, as /safety_gate/activate')
+    pairs = [part.partition('=') for part in options.set]
+    if not all(name and equals for name, equals, _ in pairs) or (pairs and not options.service):
+        raise UsageError('--set wants NAME=VALUE, and a service')
+    values = {name: yaml.safe_load(value) for name, _, value in pairs}
+    parameters = {'service': options.service, 'argument': options.argument, 'set': json.dumps(values)}
+    with (
+        tempfile.TemporaryDirectory(prefix='raw2drive_') as folder,
+        running_graph(Path(folder), options.domain) as graph,
+    ):
+        graph.start('service_call', parameters, sim_time=False)
+        code = graph.processes['service_call'].wait()
+        if code:
+            raise GraphError(graph.last_words('service_call'))
+        print((Path(folder) / 'service_call.log').read_text(), end='')
+    return 0

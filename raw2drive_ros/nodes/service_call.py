@@ -1,0 +1,141 @@
+"""Calls one service of a running node and ends: for people who have no `ros2` command."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from typing import Any
+
+import rclpy
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import ParameterType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from std_srvs.srv import SetBool, Trigger
+
+from raw2drive_ros.nodes.parameters import declare
+from raw2drive_ros.nodes.runtime import NodeError, run_node
+
+TYPES = {
+    'std_srvs/srv/Trigger': Trigger,
+    'std_srvs/srv/SetBool': SetBool,
+    'lifecycle_msgs/srv/ChangeState': ChangeState,
+}
+WORDS = {'true': True, 'on': True, 'yes': True, 'false': False, 'off': False, 'no': False}
+CASTS = {
+    ParameterType.PARAMETER_BOOL: bool,
+    ParameterType.PARAMETER_INTEGER: int,
+    ParameterType.PARAMETER_DOUBLE: float,
+    ParameterType.PARAMETER_STRING: str,
+}
+# Discovery takes a fraction of a second as a rule; on a busy machine it has taken seconds.
+LOOK_S, SETTLE_S, ANSWER_S = 8.0, 2.0, 20.0
+
+
+class ServiceCallNode(Node):
+    """Prints the answer on stdout. Raises NodeError when there is no such service, and when it says no."""
+
+    def __init__(self) -> None:
+        super().__init__('service_call')
+        self.p = declare(
+            self,
+            {
+                'service': ('', 'full name; empty: list what can be called'),
+                'argument': ('', 'true or false for a SetBool, a transition for a ChangeState'),
+                'set': ('', "JSON mapping of the node's parameters to set before, on one line"),
+            },
+        )
+
+    def run(self, executor: SingleThreadedExecutor) -> None:
+        self.executor_ = executor
+        if not self.p['service']:
+            self._list()
+            return
+        service = self.p['service']
+        type_name = self._find(service)
+        request = self._request(type_name)
+        node_name = service.rpartition('/')[0]
+        for name, value in (json.loads(self.p['set'] or '{}')).items():
+            self._set(node_name, name, value)
+        client = self.create_client(TYPES[type_name], service)
+        answer = self._wait(client.call_async(request) if client.wait_for_service(LOOK_S) else None, service)
+        text = getattr(answer, 'message', '') or ('done' if answer.success else 'refused')
+        if not answer.success:
+            raise NodeError(f'{service}: {text}')
+        print(text, flush=True)
+
+    def _list(self) -> None:
+        started = time.monotonic()
+        while time.monotonic() < started + (SETTLE_S if self._callable() else LOOK_S):
+            self.executor_.spin_once(timeout_sec=0.1)
+        found = self._callable()
+        if not found:
+            raise NodeError('no service in this domain that could be called; is a graph running, is --domain its own?')
+        for name, type_name in sorted(found.items()):
+            print(f'{name:34} {type_name.replace("/srv/", "/")}', flush=True)
+
+    def _callable(self) -> dict[str, str]:
+        known = self.get_service_names_and_types()
+        # The graph lists what is only asked for, too.
+        return {name: types[0] for name, types in known if types[0] in TYPES and self.count_services(name)}
+
+    def _find(self, service: str) -> str:
+        deadline = time.monotonic() + LOOK_S
+        while time.monotonic() < deadline:
+            types = dict(self.get_service_names_and_types()).get(service)
+            if types:
+                if types[0] not in TYPES:
+                    raise NodeError(f'{service} is a {types[0]}; only {", ".join(TYPES)} can be called')
+                return types[0]
+            self.executor_.spin_once(timeout_sec=0.1)
+        known = ', '.join(sorted(self._callable())) or 'none at all: is a graph running, is --domain its own?'
+        raise NodeError(f'no service {service} in this domain; there are: {known}')
+
+    def _request(self, type_name: str) -> Any:
+        argument = self.p['argument']
+        request = TYPES[type_name].Request()
+        if type_name.endswith('SetBool'):
+            if argument not in WORDS:
+                raise NodeError(f'{self.p["service"]} wants true or false')
+            request.data = WORDS[argument]
+        elif type_name.endswith('ChangeState'):
+            if not argument:
+                raise NodeError(f'{self.p["service"]} wants a transition: configure, activate, deactivate, cleanup')
+            # The node looks transitions up by name when the number is that of none.
+            request.transition.id, request.transition.label = 255, argument
+        elif argument:
+            raise NodeError(f'{self.p["service"]} takes no argument')
+        return request
+
+    def _set(self, node_name: str, name: str, value: Any) -> None:
+        client = AsyncParameterClient(self, node_name)
+        if not client.wait_for_services(LOOK_S):
+            raise NodeError(f'{node_name} does not answer')
+        kind = self._wait(client.get_parameter_types([name]), node_name).types
+        if not kind or kind[0] not in CASTS:
+            raise NodeError(f'{node_name} has no parameter {name}')
+        try:
+            parameter = Parameter(name, value=CASTS[kind[0]](value))
+        except (TypeError, ValueError) as error:
+            raise NodeError(f'{name}: {error}') from error
+        result = self._wait(client.set_parameters([parameter]), node_name).results[0]
+        if not result.successful:
+            raise NodeError(f'{name}: {result.reason}')
+
+    def _wait(self, future: Any, who: str) -> Any:
+        if future is not None:
+            rclpy.spin_until_future_complete(self, future, self.executor_, timeout_sec=ANSWER_S)
+        if future is None or not future.done():
+            raise NodeError(f'{who} does not answer')
+        return future.result()
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(ServiceCallNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

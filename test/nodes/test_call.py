@@ -1,0 +1,42 @@
+"""`raw2drive call`: services of running nodes, their refusals, and names that nobody has."""
+
+import pytest
+
+from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.cli.main import main
+
+
+def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, capsys) -> None:
+    def call(*words: str) -> tuple[int, str]:
+        code = main(['call', *words, '--domain', str(domain)])
+        told = capsys.readouterr()
+        return code, told.out + told.err
+
+    with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
+        graph.start('safety_gate', {}, sim_time=False)
+        graph.start('player', {'bag': str(bag), 'paused': True, 'wait_for_subscribers': 0}, sim_time=False)
+        assert call('/player/pause', 'true') == (0, 'paused at 1000000000 ns\n')
+        assert call('/player/step') == (0, 'a step\n')
+        assert call('/safety_gate/activate') == (0, 'waiting\n')
+        assert call('/player/seek', '--set', 'start_s=3', '--set', 'rate=2') == (0, 'to 3.0 s\n')
+        code, text = call()
+        assert code == 0
+        assert '/safety_gate/activate ' in text
+        assert '/player/pause ' in text
+        for words, why in (
+            (('/player/seek', '--set', 'start_s=-1'), 'start_s'),
+            (('/player/seek', '--set', 'stat_s=1'), 'no parameter stat_s'),
+            (('/player/pause', 'perhaps'), 'true or false'),
+            (('/player/step', 'true'), 'no argument'),
+            (('/safety_gate/actvate',), '/safety_gate/activate'),
+        ):
+            code, text = call(*words)
+            assert code == 1
+            assert why in text
+        graph.check()
+
+
+@pytest.mark.parametrize('words', [['seek'], ['/player/seek', '--set', 'start_s'], ['--set', 'a=1']])
+def test_wrong_usage_is_said_before_anything_starts(words, capsys) -> None:
+    assert main(['call', *words]) == 2
+    assert capsys.readouterr().err.startswith('error: ')
