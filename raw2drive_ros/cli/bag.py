@@ -8,9 +8,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros import topics
+
 EXAMPLES = """examples:
   raw2drive bag info runs/demo/bag
   raw2drive bag info runs/demo/bag --json
+  raw2drive bag events runs/demo/bag                                     stops, faults and recoveries, by time
   raw2drive bag doctor runs/demo/bag                                     what is missing, lost or out of order
   raw2drive bag recover runs/bags/monday --out runs/bags/monday_saved    after a kill or a crash
   raw2drive bag cut runs/demo/bag --start 12 --end 20 --out runs/turn
@@ -23,7 +26,7 @@ WIDE = 110
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('action', choices=('info', 'doctor', 'recover', 'cut', 'merge'))
+    parser.add_argument('action', choices=('info', 'events', 'doctor', 'recover', 'cut', 'merge'))
     parser.add_argument('bags', type=Path, nargs='+', metavar='BAG')
     parser.add_argument('--out', type=Path, help='recover, cut, merge: folder of the new bag; must not exist')
     parser.add_argument('--start', type=float, default=0.0, help="cut: seconds after the bag's beginning")
@@ -39,8 +42,24 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'bag {options.action} takes one bag')
     if options.action in ('recover', 'cut', 'merge') and options.out is None:
         raise UsageError(f'bag {options.action} needs --out, the folder of the new bag')
-    actions = {'info': _info, 'doctor': _doctor, 'recover': _recover, 'cut': _cut, 'merge': _merge}
+    actions = {'info': _info, 'events': _events, 'doctor': _doctor, 'recover': _recover, 'cut': _cut, 'merge': _merge}
     return actions[options.action](options)
+
+
+def _events(options: argparse.Namespace) -> int:
+    from dataclasses import asdict
+
+    from raw2drive_ros.cli.table import print_events
+    from raw2drive_ros.recording.events import events_of
+
+    events = events_of(options.bags[0])
+    if options.json:
+        print(json.dumps([asdict(event) for event in events]))
+    elif events:
+        print_events(events)
+    else:
+        print(f'{options.bags[0]}: no node said anything of itself (no {topics.DIAGNOSTICS})')
+    return 0
 
 
 def _doctor(options: argparse.Namespace) -> int:

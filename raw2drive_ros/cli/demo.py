@@ -38,12 +38,13 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.graph import reserve_domain
     from raw2drive_ros.cli.graph_drive import GraphJob, drive_graph
     from raw2drive_ros.cli.progress import bar
-    from raw2drive_ros.cli.table import print_results
+    from raw2drive_ros.cli.table import print_events, print_results
     from raw2drive_ros.evaluation.evaluate import summarise
     from raw2drive_ros.evaluation.metrics import RouteResult
     from raw2drive_ros.evaluation.routes import SUITE_VERSION
     from raw2drive_ros.paths import default_bundle
     from raw2drive_ros.recording.bag_writer import require_space
+    from raw2drive_ros.recording.events import events_of
     from raw2drive_ros.simulation.route_id import RouteId
     from raw2drive_ros.simulation.scenario import get_scenario
 
@@ -74,6 +75,9 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(result))
     else:
         print_results(result)
+        if faults is not None:
+            print(f'what happened ({options.fault}; raw2drive bag events {options.out / "bag"}):')
+            print_events(events_of(options.out / 'bag'))
         for name, path in made.items():
             print(f'{name}: {path}')
     return 0

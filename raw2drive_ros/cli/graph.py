@@ -111,7 +111,8 @@ class Graph:
         """Of a process that has: its code and last words, or the signal that killed it, which had no last words."""
         code = self.processes[name].returncode
         if code < 0:
-            return f'{name} was killed by {signal.Signals(-code).name}'
+            hint = '; `raw2drive bag recover` saves what it wrote' if name == 'recorder' else ''
+            return f'{name} was killed by {signal.Signals(-code).name}{hint}'
         return f'{name} ended with code {code}: {self.last_words(name)}'
 
     def last_words(self, name: str) -> str:

@@ -8,9 +8,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 EXAMPLES = """examples:
-  raw2drive replay runs/demo/bag                 for a planner that runs elsewhere
+  raw2drive replay runs/demo/bag                 for a planner that runs elsewhere (raw2drive drive --sim-time)
   raw2drive replay runs/demo/bag --rate 0.5
-  raw2drive replay runs/demo/bag --start 12 --loop --paused     services /player/pause, /player/step, /player/seek
+  raw2drive replay runs/demo/bag --start 12 --loop --paused     then raw2drive call /player/step, /player/pause false
   raw2drive replay runs/demo/bag --verify        decide again in process and compare with the recorded commands
   raw2drive replay runs/demo/bag --verify --bundle runs/new_bundle     where and by how much does it decide differently?
 
@@ -33,10 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.errors import UsageError
-    from raw2drive_ros.recording.bag_reader import open_bag
+    from raw2drive_ros.recording.bag_reader import begin_ns, open_bag
 
-    with open_bag(options.bag):
-        pass
+    if options.bundle is not None and not options.verify:
+        raise UsageError('--bundle goes with --verify; otherwise the planner that is running decides')
+    if not options.rate > 0 or not options.start >= 0:
+        raise UsageError('--rate must be positive, --start not negative')
+    with open_bag(options.bag) as reader:
+        lasts_s = (reader.end_time - begin_ns(reader)) * 1e-9
+    if options.start > lasts_s:
+        raise UsageError(f'--start {options.start:g}: the bag lasts {lasts_s:.1f} s')
     if options.verify:
         from raw2drive_ros.evaluation.verify import verify_bag
         from raw2drive_ros.paths import default_bundle
@@ -46,8 +52,6 @@ def run(options: argparse.Namespace) -> int:
         return 0 if outcome.equal else 1
     from raw2drive_ros.cli.single import run_single
 
-    if options.rate <= 0 or options.start < 0:
-        raise UsageError('--rate must be positive, --start not negative')
     parameters = {
         'bag': str(options.bag.resolve()),
         'rate': options.rate,

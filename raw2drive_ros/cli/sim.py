@@ -10,8 +10,8 @@ EXAMPLES = """examples:
   raw2drive sim --scenario HardBreakRoute --seed 3 --picture scene.png
   raw2drive sim --scenario LaneFollowing --real-time          (then, elsewhere: raw2drive drive --sim-time)
 
-Services of the running bridge: /bridge/reset (std_srvs/Trigger; set the parameters scenario and seed
-first) and /bridge/pause (std_srvs/SetBool)."""
+While it runs: raw2drive call /bridge/reset --set scenario=Accident --set seed=3
+               raw2drive call /bridge/pause true"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +37,8 @@ def run(options: argparse.Namespace) -> int:
 
         return print_list()
     get_scenario(options.scenario)
+    if options.seed < 0:
+        raise UsageError(f'--seed {options.seed}: give 0 or more')
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     height, width = SIZES[options.size]

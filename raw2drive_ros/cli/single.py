@@ -39,7 +39,11 @@ def run_single(
                 if survivor and survivor not in done:
                     print(f'{graph.how_it_ended(done[0])}; {survivor} goes on for {SURVIVES_S:.0f} s', file=sys.stderr)
                     _follow_for(Path(folder) / f'{survivor}.log', offsets[survivor], SURVIVES_S)
-                if graph.processes[done[0]].returncode:
+                code = graph.processes[done[0]].returncode
+                # Its last words are on the terminal already.
+                if code > 0:
+                    raise GraphError(f'{done[0]} ended with code {code}')
+                if code < 0:
                     raise GraphError(graph.how_it_ended(done[0]))
                 return 0
             time.sleep(0.2)

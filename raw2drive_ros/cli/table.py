@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from raw2drive_ros.recording.events import Event
 
 
 def print_results(result: dict[str, Any]) -> None:
@@ -49,3 +53,15 @@ def print_results(result: dict[str, Any]) -> None:
         planner = timing['planner_ms']
         line += f'; planner p50 {planner["p50"]:.1f} ms, p99 {planner["p99"]:.1f} ms'
     console.print(line + f'; messages lost: {timing["messages_lost"]}')
+
+
+def print_events(events: Sequence[Event]) -> None:
+    """One line per event; what nodes say is shown as it is, without markup."""
+    from rich.console import Console
+    from rich.text import Text
+
+    colours = {'ok': 'green', 'warning': 'yellow', 'error': 'red', 'stale': 'red'}
+    console = Console()
+    for event in events:
+        line = Text(f'{event.time_s:8.1f} s  ').append(f'{event.level:8}', colours[event.level])
+        console.print(line.append(f'{event.node:15}{event.text}'), soft_wrap=True)

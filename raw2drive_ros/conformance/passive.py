@@ -48,7 +48,8 @@ def _topics(seen: Observation, names: list[str]) -> Iterator[Verdict]:
         spec, topic = topics.BY_NAME[name], seen.topics.get(name, TopicSeen())
         check = f'{name}: publisher'
         if not topic.publishers:
-            yield Verdict(check, 'error', 'nobody publishes it', f'publish {spec.msgtype} at {spec.rate_hz:g} Hz')
+            how = f'at {spec.rate_hz:g} Hz' if spec.rate_hz else 'once, latched (TRANSIENT_LOCAL)'
+            yield Verdict(check, 'error', 'nobody publishes it', f'publish {spec.msgtype} {how}')
             continue
         if topic.publishers > 1:
             yield Verdict(check, 'error', f'{topic.publishers} publishers', 'stop all but one')

@@ -19,20 +19,20 @@ Pedal = Annotated[float, Field(gt=0, le=1)]
 
 
 class MotionConfig(Strict):
-    """See `MotionLimits`."""
+    """See `MotionLimits`. Every one must be there: a limit that was forgotten is not one that was lifted (`.inf`)."""
 
     wheelbase_m: Positive
     max_steer_rad: Annotated[float, Field(gt=0, lt=math.pi / 2)]
     full_throttle_mps2: Positive
     full_brake_mps2: Positive
-    max_speed_mps: Bound = math.inf
-    max_acceleration_mps2: Bound = math.inf
-    max_deceleration_mps2: Bound = math.inf
-    max_jerk_mps3: Bound = math.inf
-    max_steer: Annotated[float, Field(gt=0, le=1)] = 1.0
-    max_steer_rate_1ps: Bound = math.inf
-    max_lateral_mps2: Bound = math.inf
-    max_gear_speed_mps: Bound = math.inf
+    max_speed_mps: Bound
+    max_acceleration_mps2: Bound
+    max_deceleration_mps2: Bound
+    max_jerk_mps3: Bound
+    max_steer: Annotated[float, Field(gt=0, le=1)]
+    max_steer_rate_1ps: Bound
+    max_lateral_mps2: Bound
+    max_gear_speed_mps: Bound
 
 
 class StopConfig(Strict):

@@ -12,9 +12,11 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
+from msg_adapters.diagnostics import OK, WARN
 from raw2drive_ros import topics
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import behind_injector, load_plans, touched_topics
+from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class, profile_of
 from raw2drive_ros.nodes.runtime import NodeError, run_node, steady_clock
@@ -38,7 +40,8 @@ class FaultInjectorNode(Node):
         file = load_plans(p['plans'])
         if p['plan'] not in file.plans:
             raise NodeError(f'plan {p["plan"]!r} is not in {p["plans"]}; it has: {", ".join(file.plans)}')
-        faults = file.plans[p['plan']]
+        self.plan = p['plan']
+        faults = file.plans[self.plan]
         self.injector = Injector(faults, p['seed'] if p['seed'] >= 0 else file.seed)
         self.losses = LossCounter()
         self.waiting: list[tuple[int, int, Publisher, bytes]] = []
@@ -48,6 +51,7 @@ class FaultInjectorNode(Node):
             output = self.create_publisher(message_class(spec.msgtype), behind_injector(name), profile_of(spec))
             make_subscription(self, name, self._passer(spec, output), self.losses, raw=True)
         self.create_timer(1.0 / DELIVER_HZ, self._deliver, clock=steady_clock())
+        self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.reported: dict[str, int] = {}
         self.create_timer(1.0, self._report, clock=steady_clock())
         self.get_logger().info(f'{p["plan"]}: {", ".join(f"{f.kind} {f.topic} from {f.start_s} s" for f in faults)}')
@@ -70,10 +74,17 @@ class FaultInjectorNode(Node):
             output.publish(data)
 
     def _report(self) -> None:
-        """What is being done to whom, once a second while it changes."""
+        """What is being done to whom, once a second; logged while it changes."""
+        self.diagnostics.publish()
         if self.injector.counts != self.reported:
             self.reported = dict(self.injector.counts)
             self.get_logger().info(', '.join(f'{name}: {count}' for name, count in self.reported.items()))
+
+    def _describe(self) -> tuple[int, str, dict[str, Any]]:
+        counts = self.injector.counts
+        if not counts:
+            return OK, f'{self.plan}: nothing yet', {}
+        return WARN, f'{self.plan}: {", ".join(counts)}', dict(counts)
 
 
 def main(args: list[str] | None = None) -> int:

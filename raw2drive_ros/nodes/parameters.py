@@ -16,10 +16,11 @@ BUILT_IN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 def declare(node: Node, table: dict[str, tuple[Any, str]], live: dict[str, Check] | None = None) -> dict[str, Any]:
     """name -> (default, description); returns the values in force. Raises ValueError for a name that nobody knows: a
-    mistyped one must not leave a default in force.
+    mistyped one must not leave a default in force. The checks look at the first values too.
 
-    live: parameters that may be set while the node runs, each with a check that raises ValueError for a value that will
-    not do. All others are read once: setting them later is refused with that reason, instead of being ignored.
+    live: parameters that may be set while the node runs, each with a check that raises ValueError or KeyError for a
+    value that will not do. All others are read once: setting them later is refused with that reason, instead of being
+    ignored.
     """
     # rclpy has no public list of what was given at the start.
     given = getattr(node, '_parameter_overrides', {})
@@ -31,6 +32,11 @@ def declare(node: Node, table: dict[str, tuple[Any, str]], live: dict[str, Check
         parameter = node.declare_parameter(name, default, ParameterDescriptor(description=description))
         values[name] = parameter.value
     checks = live or {}
+    for name, check in checks.items():
+        try:
+            check(values[name])
+        except KeyError as error:
+            raise ValueError(str(error.args[0])) from error
 
     def refuse(parameters: list[Parameter]) -> SetParametersResult:
         for parameter in parameters:

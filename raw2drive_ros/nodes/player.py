@@ -20,6 +20,7 @@ from raw2drive_ros.recording.bag_reader import BagError, begin_ns, messages_in, 
 
 SEEK, END, ENDED = 'seek', 'end', 'interrupted'
 POLL_S = 0.05
+WAIT_S, PATIENT_S = 30.0, 2.0
 
 
 def _positive(value: float) -> None:
@@ -51,8 +52,6 @@ class PlayerNode(Node):
             },
             live={'rate': _positive, 'start_s': _not_negative},
         )
-        if not self.p['rate'] > 0 or not self.p['start_s'] >= 0:
-            raise NodeError(f'rate {self.p["rate"]} must be positive, start_s {self.p["start_s"]} not negative')
         self.played = 0
         self.paused = bool(self.p['paused'])
         self.steps = 0
@@ -84,11 +83,16 @@ class PlayerNode(Node):
         self.clock = make_publisher(self, topics.CLOCK)
         self.outputs = {c.topic: make_publisher(self, c.topic) for c in connections}
         front = self.outputs.get(topics.image_topic('front'))
-        deadline = time.monotonic() + 30.0
+        deadline, said = time.monotonic() + WAIT_S, False
         while front is not None and front.get_subscription_count() < self.p['wait_for_subscribers']:
             if time.monotonic() > deadline:
-                raise NodeError('nobody subscribes to the front camera after 30 s')
+                raise NodeError(f'nobody subscribes to the front camera after {WAIT_S:.0f} s')
             executor.spin_once(timeout_sec=0.1)
+            if not said and time.monotonic() > deadline - WAIT_S + PATIENT_S:
+                said = True
+                self.get_logger().info(
+                    f'waiting for a planner, for {WAIT_S:.0f} s at most: raw2drive drive --sim-time, in the same domain'
+                )
 
     def _play(self, reader: Any, connections: list[Any], executor: SingleThreadedExecutor) -> str:
         begins_ns = begin_ns(reader)

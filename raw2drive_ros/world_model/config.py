@@ -112,9 +112,16 @@ def load_strict(kind: type[Model], path: Path) -> Model:
     except (ValidationError, TypeError) as error:
         if isinstance(error, TypeError):
             raise ConfigError(f'{path}: keys must be words') from error
-        first = error.errors()[0]
+        found = error.errors()
+        # A mistyped key is the cause of the missing one, and the one to look at.
+        unknown = [each for each in found if each['type'] == 'extra_forbidden']
+        first = (unknown or found)[0]
         where = '.'.join(str(part) for part in first['loc'])
-        raise ConfigError(f'{path}: {where}: {first["msg"]}') from error
+        if not unknown:
+            raise ConfigError(f'{path}: {where}: {first["msg"]}') from error
+        missing = [str(each['loc'][-1]) for each in found if each['type'] == 'missing']
+        hint = f'; missing: {", ".join(missing)}' if missing else ''
+        raise ConfigError(f'{path}: {where}: no such key{hint}') from error
 
 
 def load_preset(name: str) -> dict[str, Any]:

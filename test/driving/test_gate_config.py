@@ -29,7 +29,7 @@ def test_shipped_stops_are_the_defaults_and_the_car_is_the_simulated_one() -> No
         ('motion', 'max_speed_mps', -1.0, 'motion.max_speed_mps: Input should be greater than 0'),
         ('motion', 'max_speed_mps', math.nan, 'motion.max_speed_mps'),
         ('motion', 'wheelbase_m', math.inf, 'motion.wheelbase_m'),
-        ('motion', 'max_speed', 3.0, 'motion.max_speed: Extra inputs'),
+        ('motion', 'max_speed', 3.0, 'motion.max_speed: no such key'),
         ('stop', 'emergency_brake', 1.5, 'stop.emergency_brake'),
         ('stop', 'swings', 2.5, 'stop.swings'),
         ('stop', 'emergency_brake', 0.1, 'stop.comfortable_brake is above stop.emergency_brake'),

@@ -20,6 +20,7 @@ from raw2drive_ros.evaluation.verify import recorded_proposals, verify_bag
 from raw2drive_ros.paths import default_bundle
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag, read_ticks
+from raw2drive_ros.recording.events import events_of
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
 
@@ -111,13 +112,18 @@ def test_compressed_images_drive_are_recorded_and_replay_to_the_same_decisions(b
     ],
 )
 def test_a_fault_between_the_real_nodes_stops_the_car_and_is_logged(bundle, tmp_path, plan, log, words) -> None:
-    job = GraphJob(tmp_path, ROUTES[:1], bundle, real_time=True, max_ticks=80, record=False, faults=('matrix', plan))
+    job = GraphJob(tmp_path, ROUTES[:1], bundle, real_time=True, max_ticks=80, faults=('matrix', plan))
     with reserve_domain(None) as domain:
         drive_graph(job, domain)
     logs = {name: (tmp_path / 'logs' / f'{name}.log').read_text() for name in ('planner', 'safety_gate')}
     assert words in logs[log]
     assert '_stop: ' in logs['safety_gate']
     assert 'driving' not in logs['safety_gate'].split('_stop: ')[1], 'a stop is latched'
+    # The bag tells the same story: what was done, who noticed it, and that the car was stopped.
+    events = events_of(tmp_path / 'bag')
+    assert [e for e in events if e.node == 'fault_injector' and e.level == 'warning']
+    assert [e for e in events if e.node == log and e.level == 'error' and words.split('_stop: ')[-1] in e.text]
+    assert [e for e in events if e.node == 'safety_gate' and e.level == 'error']
 
 
 def test_a_gate_that_stopped_in_one_episode_drives_in_the_next(tmp_path) -> None:

@@ -319,6 +319,35 @@ def test_bag_verbs_on_the_command_line(bag, tmp_path, capsys) -> None:
     assert 'exists already' in capsys.readouterr().err
 
 
+def test_events_are_changes_of_what_nodes_say_of_themselves(tmp_path, capsys) -> None:
+    factory = RosbagsFactory()
+    with BagWriter(tmp_path / 'bag', {}) as writer:
+        for tick, (node, level, text) in enumerate(
+            [
+                ('planner', 0, 'driving'),
+                ('safety_gate', 0, 'driving'),
+                ('planner', 2, 'stop: camera front: newest is 0.31 s old'),
+                ('planner', 2, 'stop: camera front: newest is 1.31 s old'),
+                ('safety_gate', 2, '[bold]no valid proposal[/bold]'),
+                ('planner', 0, 'driving'),
+            ]
+        ):
+            message = diagnostics_to_message(factory, node, level, text, {}, 0)
+            data = factory.serialize(message, 'diagnostic_msgs/msg/DiagnosticArray')
+            writer.write_raw(topics.DIAGNOSTICS, (tick + 1) * 10**9, data)
+    assert main(['bag', 'events', str(tmp_path / 'bag'), '--json']) == 0
+    events = json.loads(capsys.readouterr().out)
+    assert [(e['time_s'], e['node'], e['level']) for e in events] == [
+        (0.0, 'planner', 'ok'),
+        (1.0, 'safety_gate', 'ok'),
+        (2.0, 'planner', 'error'),
+        (4.0, 'safety_gate', 'error'),
+        (5.0, 'planner', 'ok'),
+    ]
+    assert main(['bag', 'events', str(tmp_path / 'bag')]) == 0
+    assert '[bold]no valid' in capsys.readouterr().out
+
+
 def said(topic: str, stamp_ns: int, x_m: float = 0.0) -> tuple[str, int, bytes]:
     factory = RosbagsFactory()
     if topic == topics.ROUTE:

@@ -1,0 +1,56 @@
+"""What happened in a bag: each change of what the nodes said of themselves, and each beginning of an episode."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from msg_adapters.diagnostics import diagnostics_from_message
+from msg_adapters.factory import RosbagsFactory
+from msg_adapters.privileged import transition_from_message
+from raw2drive_ros import topics
+from raw2drive_ros.contract import ContractError
+from raw2drive_ros.recording.bag_reader import BagError, begin_ns, decoded, messages_in, open_bag
+
+LEVELS = ('ok', 'warning', 'error', 'stale')
+FIGURES = re.compile(r'\d+(\.\d+)?')
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """time_s: after the bag's beginning. level: one of LEVELS."""
+
+    time_s: float
+    node: str
+    level: str
+    text: str
+
+
+def events_of(path: Path) -> list[Event]:
+    """In order of time. A message of which only the figures differ from the one before is no event. Raises BagError."""
+    factory = RosbagsFactory()
+    found: list[Event] = []
+    last: dict[str, tuple[int, str]] = {}
+    with open_bag(path) as reader:
+        begins_ns = begin_ns(reader)
+        wanted = [c for c in reader.connections if c.topic in (topics.DIAGNOSTICS, topics.TRANSITION)]
+        for connection, stamp_ns, data in messages_in(reader, connections=wanted) if wanted else ():
+            message = decoded(factory, reader, connection, data)
+            time_s = (stamp_ns - begins_ns) * 1e-9
+            try:
+                if connection.topic == topics.TRANSITION:
+                    step, episode = transition_from_message(message)
+                    if step.is_first:
+                        found.append(Event(time_s, 'bridge', 'ok', f'{episode} begins'))
+                    continue
+                statuses = diagnostics_from_message(message)
+            except ContractError as error:
+                raise BagError(f'{path}: {connection.topic}: {error}') from error
+            for name, level, text, _ in statuses:
+                said = level, FIGURES.sub('', text)
+                if last.get(name) != said:
+                    last[name] = said
+                    shown = LEVELS[min(level, len(LEVELS) - 1)]
+                    found.append(Event(time_s, name.removeprefix('raw2drive: '), shown, text))
+    return found
