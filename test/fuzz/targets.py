@@ -35,6 +35,7 @@ from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import BagError, open_bag, read_calibrations, read_ticks
 from raw2drive_ros.recording.bag_writer import BagWriter
+from raw2drive_ros.recording.events import events_of
 from raw2drive_ros.recording.recover import recover
 from raw2drive_ros.simulation.route_id import RouteId, RouteIdError
 from raw2drive_ros.simulation.scenario import UnknownScenarioError
@@ -154,7 +155,7 @@ def _bag(data: bytes) -> None:
     file = next(folder.glob('*.mcap'))
     file.write_bytes(data)
     examine(folder)
-    for read in (bag_info, _read_all):
+    for read in (bag_info, events_of, _read_all):
         try:
             read(folder)
         except BagError as error:
