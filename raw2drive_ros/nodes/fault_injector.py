@@ -44,6 +44,7 @@ class FaultInjectorNode(Node):
         faults = file.plans[self.plan]
         self.injector = Injector(faults, p['seed'] if p['seed'] >= 0 else file.seed)
         self.losses = LossCounter()
+        self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.waiting: list[tuple[int, int, Publisher, bytes]] = []
         self.order = itertools.count()
         for name in touched_topics(faults):
@@ -51,7 +52,6 @@ class FaultInjectorNode(Node):
             output = self.create_publisher(message_class(spec.msgtype), behind_injector(name), profile_of(spec))
             make_subscription(self, name, self._passer(spec, output), self.losses, raw=True)
         self.create_timer(1.0 / DELIVER_HZ, self._deliver, clock=steady_clock())
-        self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.reported: dict[str, int] = {}
         self.create_timer(1.0, self._report, clock=steady_clock())
         self.get_logger().info(f'{p["plan"]}: {", ".join(f"{f.kind} {f.topic} from {f.start_s} s" for f in faults)}')
@@ -59,11 +59,15 @@ class FaultInjectorNode(Node):
     def _passer(self, spec: topics.TopicSpec, output: Publisher) -> Any:
         def callback(data: bytes) -> None:
             now_ns = self.get_clock().now().nanoseconds
+            before = len(self.injector.counts)
             for due_ns, changed in self.injector.take(spec.name, spec.msgtype, bytes(data), now_ns):
                 if due_ns <= now_ns:
                     output.publish(changed)
                 else:
                     heapq.heappush(self.waiting, (due_ns, next(self.order), output, changed))
+            if len(self.injector.counts) > before:
+                # What a fault causes is reported at once, and so is the fault.
+                self.diagnostics.publish()
 
         return callback
 
@@ -84,7 +88,8 @@ class FaultInjectorNode(Node):
         counts = self.injector.counts
         if not counts:
             return OK, f'{self.plan}: nothing yet', {}
-        return WARN, f'{self.plan}: {", ".join(counts)}', dict(counts)
+        names = ', '.join(counts) if len(counts) <= 2 else f'{len(counts)} faults, {next(iter(counts))} among them'
+        return WARN, f'{self.plan}: {names}', dict(counts)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -221,6 +221,8 @@ class PlannerNode(LifecycleNode):
         for number, finding in enumerate(self.planner.findings):
             values[f'cause_{number}'], values[f'remedy_{number}'] = finding.cause, finding.remedy
         if health is not Health.NOMINAL:
+            if all(finding.unheard for finding in self.planner.findings):
+                return WARN, f'waiting for {", ".join(f.subject for f in self.planner.findings)}', values
             level = ERROR if health is Health.STOP else WARN
             return level, f'{health.name.lower()}: {self.planner.findings[0].cause}', values
         if self.planner.failure:

@@ -155,7 +155,8 @@ class SafetyGateNode(Node):
         }
         if self.gate.state in STOPS:
             values['remedy'] = self.remedy
-        return level, self.gate.reason or self.gate.state.value, values
+        state, reason = self.gate.state.value, self.gate.reason
+        return level, f'{state}: {reason}' if reason else state, values
 
 
 def main(args: list[str] | None = None) -> int:
