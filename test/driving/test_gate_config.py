@@ -23,6 +23,18 @@ def test_shipped_stops_are_the_defaults_and_the_car_is_the_simulated_one() -> No
     assert motion.full_brake_mps2 == car.brake_deceleration_mps2 == MotionLimits().full_brake_mps2
 
 
+def test_the_example_car_has_its_own_figures_and_limits_that_bite() -> None:
+    folder = preset_folder().parent / 'examples' / 'vehicle_interface'
+    motion = load_gate_config(folder / 'gate.yaml').motion_limits()
+    car = yaml.safe_load((folder / 'toy_vehicle.yaml').read_text())['vehicle']
+    assert motion.wheelbase_m == car['wheelbase_m']
+    assert motion.max_steer_rad == car['max_steer_rad']
+    assert motion.full_throttle_mps2 == car['throttle_mps2']
+    assert motion.full_brake_mps2 == car['brake_mps2']
+    assert motion.max_steer_rate_1ps * motion.max_steer_rad <= car['steer_rate_radps']
+    assert all(math.isfinite(getattr(motion, name)) for name in motion.__dataclass_fields__)
+
+
 @pytest.mark.parametrize(
     ('section', 'field', 'value', 'message'),
     [

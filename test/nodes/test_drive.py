@@ -39,7 +39,8 @@ def test_the_gate_stops_the_car_before_everything_ends(tmp_path, how) -> None:
             graph.processes[name] = subprocess.Popen(
                 [sys.executable, *arguments], cwd=ROOT, env=graph.environment, stdout=subprocess.PIPE, text=True
             )
-        command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'drive', '--domain', str(domain)]
+        gate = str(ROOT / 'examples' / 'vehicle_interface' / 'gate.yaml')
+        command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'drive', '--domain', str(domain), '--gate', gate]
         drive = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
         watch = graph.processes['watch'].stdout
         deadline = time.monotonic() + 90.0
