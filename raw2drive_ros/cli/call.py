@@ -27,8 +27,6 @@ def run(options: argparse.Namespace) -> int:
     import tempfile
     from pathlib import Path
 
-    import yaml
-
     from raw2drive_ros.cli.errors import UsageError
     from raw2drive_ros.cli.graph import GraphError, running_graph
 
@@ -37,8 +35,11 @@ def run(options: argparse.Namespace) -> int:
     pairs = [part.partition('=') for part in options.set]
     if not all(name and equals for name, equals, _ in pairs) or (pairs and not options.service):
         raise UsageError('--set wants NAME=VALUE, and a service')
-    values = {name: yaml.safe_load(value) for name, _, value in pairs}
-    parameters = {'service': options.service, 'argument': options.argument, 'set': json.dumps(values)}
+    parameters = {
+        'service': options.service,
+        'argument': options.argument,
+        'set': json.dumps({name: value for name, _, value in pairs}),
+    }
     with (
         tempfile.TemporaryDirectory(prefix='raw2drive_') as folder,
         running_graph(Path(folder), options.domain) as graph,

@@ -12,7 +12,7 @@ EXAMPLES = """examples:
   raw2drive drive --sim-time                        for a simulation in real time: stamps are those of /clock
 
 When the planner dies, the gate stops the car before everything ends, and so it does on Ctrl-C.
-The gate's stop is latched; once the car stands: raw2drive call /safety_gate/activate"""
+The gate's stop is latched; once the car stands: raw2drive call /safety_gate/activate [--domain N]"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

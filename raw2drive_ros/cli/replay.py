@@ -40,6 +40,8 @@ def run(options: argparse.Namespace) -> int:
     if not options.rate > 0 or not options.start >= 0:
         raise UsageError('--rate must be positive, --start not negative')
     with open_bag(options.bag) as reader:
+        if not reader.message_count:
+            raise UsageError(f'{options.bag}: holds no messages')
         lasts_s = (reader.end_time - begin_ns(reader)) * 1e-9
     if options.start > lasts_s:
         raise UsageError(f'--start {options.start:g}: the bag lasts {lasts_s:.1f} s')

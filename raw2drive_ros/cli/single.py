@@ -32,9 +32,10 @@ def run_single(
         print(f'{", ".join(nodes)} running in ROS domain {domain}; Ctrl-C ends', file=sys.stderr)
         offsets = dict.fromkeys(nodes, 0)
         while True:
+            # Before its log is read: what a process says at its end is read too.
+            done = [name for name in nodes if graph.ended(name)]
             for name in nodes:
                 offsets[name] = _follow(Path(folder) / f'{name}.log', offsets[name])
-            done = [name for name in nodes if graph.ended(name)]
             if done:
                 if survivor and survivor not in done:
                     print(f'{graph.how_it_ended(done[0])}; {survivor} goes on for {SURVIVES_S:.0f} s', file=sys.stderr)

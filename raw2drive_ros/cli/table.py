@@ -64,4 +64,4 @@ def print_events(events: Sequence[Event]) -> None:
     console = Console()
     for event in events:
         line = Text(f'{event.time_s:8.1f} s  ').append(f'{event.level:8}', colours[event.level])
-        console.print(line.append(f'{event.node:15}{event.text}'), soft_wrap=True)
+        console.print(line.append(f'{event.node:15} {event.text}'), soft_wrap=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from raw2drive_ros.driving.sensor_monitor import Finding
@@ -20,13 +20,16 @@ class Line(NamedTuple):
 class HealthReport:
     """Remembers what was said."""
 
-    _said: list[str] = field(default_factory=list)
+    _said: list[str] | None = None
 
-    def lines(self, findings: Sequence[Finding]) -> list[Line]:
+    def lines(self, findings: Sequence[Finding], complete: bool) -> list[Line]:
         """What is new since the last call: causes with their remedies, or that all is well again.
 
-        Inputs that were never heard since the start are one line: before a vehicle is there, nothing is broken.
+        complete: every input was heard since the start; before that, silence is no sign of health. Before anybody is
+        heard, all inputs are one line: nothing is broken while no vehicle is there.
         """
+        if not findings and not complete:
+            return []
         subjects = [f'{finding.subject} {finding.unheard}' for finding in findings]
         if subjects == self._said:
             return []
@@ -34,8 +37,7 @@ class HealthReport:
         if not findings:
             return [Line(False, 'nominal: all sensors are well')]
         said = [Line(True, f'{f.health.name.lower()}: {f.cause}; {f.remedy}') for f in findings if not f.unheard]
-        waiting = [finding for finding in findings if finding.unheard]
+        waiting = [finding.subject for finding in findings if finding.unheard]
         if waiting:
-            missing = ', '.join(finding.subject for finding in waiting)
-            said.append(Line(bool(said), f'waiting for {missing}: nothing heard yet'))
+            said.append(Line(False, f'waiting for {", ".join(waiting)}: nothing heard yet'))
         return said

@@ -22,6 +22,8 @@ from raw2drive_ros.driving.driver import RawDriver
 from raw2drive_ros.driving.frame_assembler import FrameAssembler
 from raw2drive_ros.driving.sensor_monitor import Finding, Health, MonitorLimits, SensorMonitor
 
+NO_ROUTE = f'no route yet: who publishes {topics.ROUTE}?'
+
 
 class RawPlanner:
     """Assembles frames, watches the sensors and decides; `None` is silence, which makes the gate stop the car.
@@ -66,6 +68,8 @@ class RawPlanner:
 
     def add_route(self, route: Route) -> None:
         self.route = route
+        if self.failure == NO_ROUTE:
+            self.failure = ''
 
     def add_calibration(self, calibration: CameraCalibration) -> None:
         """May come again and again; one that differs is checked against the bundle before the next decision."""
@@ -103,7 +107,7 @@ class RawPlanner:
         if frame is None:
             return None
         if self.route is None:
-            self.failure = f'no route yet: who publishes {topics.ROUTE}?'
+            self.failure = NO_ROUTE
             return None
         if self.answered is not None and self.answered.stamp_ns == frame.stamp_ns:
             # The same tick again: its answer was lost. Deciding twice would move the recurrent state twice.

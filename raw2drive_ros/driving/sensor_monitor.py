@@ -29,7 +29,8 @@ class Health(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong, and what to do about it. unheard: an input that has said nothing since the start."""
+    """One thing that is wrong, and what to do about it. unheard: nobody has said
+    anything since the start, and this input never before it."""
 
     health: Health
     cause: str
@@ -79,6 +80,7 @@ class SensorMonitor:
     limits: MonitorLimits = field(default_factory=MonitorLimits)
     counts: dict[str, int] = field(default_factory=dict)
     _heard_ns: dict[str, int] = field(default_factory=dict)
+    _ever: set[str] = field(default_factory=set)
     _ahead_ns: dict[str, int] = field(default_factory=dict)
     _eyes: dict[str, _Camera] = field(default_factory=dict)
     _frames_ns: deque[int] = field(default_factory=deque)
@@ -88,7 +90,7 @@ class SensorMonitor:
     _started_ns: int | None = None
 
     def reset(self) -> None:
-        """A new beginning, as after a jump of time; counts stay."""
+        """A new beginning, as after a jump of time; counts stay, and which inputs there are."""
         self._heard_ns.clear()
         self._ahead_ns.clear()
         self._eyes.clear()
@@ -96,6 +98,11 @@ class SensorMonitor:
         self._refused.clear()
         self._absurd_count = 0
         self._started_ns = None
+
+    @property
+    def complete(self) -> bool:
+        """Every input has been heard since the start."""
+        return self._heard_ns.keys() >= {*self.cameras, 'imu', 'odometry'}
 
     def start(self, now_ns: int) -> None:
         """From now on inputs are expected; silence counts from here."""
@@ -114,6 +121,7 @@ class SensorMonitor:
             self._count(f'{name}_out_of_order')
             return False
         self._heard_ns[name] = stamp_ns
+        self._ever.add(name)
         return True
 
     def refused(self, name: str, why: str, now_ns: int) -> None:
@@ -174,7 +182,8 @@ class SensorMonitor:
                 heard = name in self._heard_ns
                 age = f'newest is {silent_s:.2f} s old' if heard else f'silent for {silent_s:.2f} s'
                 remedy = f'is the driver of {kind} alive, is its clock right?'
-                found.append(Finding(Health.STOP, f'{kind}: {age}{why}', remedy, unheard=not heard and not why))
+                unheard = not (self._heard_ns or self._ahead_ns or why) and name not in self._ever
+                found.append(Finding(Health.STOP, f'{kind}: {age}{why}', remedy, unheard))
         return found
 
     def _pictures(self) -> list[Finding]:

@@ -35,6 +35,13 @@ class Injector:
         self._held.clear()
         self._rngs.clear()
 
+    def now(self, now_ns: int) -> list[str]:
+        """`kind topic` of the faults whose time it is."""
+        if self.start_ns is None:
+            return []
+        since_s = (now_ns - self.start_ns) * 1e-9
+        return [f'{fault.kind} {fault.topic}' for fault in self.faults if fault.holds_at(since_s)]
+
     def take(self, topic: str, msgtype: str, data: bytes, now_ns: int) -> list[tuple[int, bytes]]:
         """(when, bytes) of everything that is to be delivered for this message."""
         if self.start_ns is None:

@@ -87,7 +87,11 @@ class Fault(Strict):
 
     def holds(self, topic: str, since_start_s: float) -> bool:
         """Is this topic at fault at this time?"""
-        return self.start_s <= since_start_s < self.start_s + self.duration_s and fnmatchcase(topic, self.topic)
+        return self.holds_at(since_start_s) and fnmatchcase(topic, self.topic)
+
+    def holds_at(self, since_start_s: float) -> bool:
+        """Is this the time of the fault?"""
+        return self.start_s <= since_start_s < self.start_s + self.duration_s
 
 
 class FaultPlans(Strict):

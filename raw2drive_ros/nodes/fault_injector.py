@@ -47,6 +47,7 @@ class FaultInjectorNode(Node):
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.waiting: list[tuple[int, int, Publisher, bytes]] = []
         self.order = itertools.count()
+        self.said: list[str] = []
         for name in touched_topics(faults):
             spec = topics.BY_NAME[name]
             output = self.create_publisher(message_class(spec.msgtype), behind_injector(name), profile_of(spec))
@@ -59,14 +60,15 @@ class FaultInjectorNode(Node):
     def _passer(self, spec: topics.TopicSpec, output: Publisher) -> Any:
         def callback(data: bytes) -> None:
             now_ns = self.get_clock().now().nanoseconds
-            before = len(self.injector.counts)
             for due_ns, changed in self.injector.take(spec.name, spec.msgtype, bytes(data), now_ns):
                 if due_ns <= now_ns:
                     output.publish(changed)
                 else:
                     heapq.heappush(self.waiting, (due_ns, next(self.order), output, changed))
-            if len(self.injector.counts) > before:
+            holds = self.injector.now(now_ns)
+            if holds != self.said:
                 # What a fault causes is reported at once, and so is the fault.
+                self.said = holds
                 self.diagnostics.publish()
 
         return callback
@@ -85,11 +87,9 @@ class FaultInjectorNode(Node):
             self.get_logger().info(', '.join(f'{name}: {count}' for name, count in self.reported.items()))
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
-        counts = self.injector.counts
-        if not counts:
-            return OK, f'{self.plan}: nothing yet', {}
-        names = ', '.join(counts) if len(counts) <= 2 else f'{len(counts)} faults, {next(iter(counts))} among them'
-        return WARN, f'{self.plan}: {names}', dict(counts)
+        holds = self.injector.now(self.get_clock().now().nanoseconds)
+        text = f'{self.plan}: {", ".join(holds) or "no fault now"}'
+        return (WARN if holds else OK), text, dict(self.injector.counts)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -183,7 +183,7 @@ class PlannerNode(LifecycleNode):
             self._start_anew(back_s)
         self.newest_ns = self._now_ns()
         self.planner.look(self.newest_ns)
-        lines = self.report.lines(self.planner.findings)
+        lines = self.report.lines(self.planner.findings, self.planner.monitor.complete)
         for line in lines:
             # Apart: rclpy wants one severity for each place of call.
             if line.alarming:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -21,16 +22,17 @@ from raw2drive_ros.recording.bag_reader import BagError, begin_ns, messages_in, 
 SEEK, END, ENDED = 'seek', 'end', 'interrupted'
 POLL_S = 0.05
 WAIT_S, PATIENT_S = 30.0, 2.0
+LONGEST_S = 1e7
 
 
 def _positive(value: float) -> None:
-    if not value > 0:
+    if not 0 < value < math.inf:
         raise ValueError(f'rate {value} must be positive')
 
 
 def _not_negative(value: float) -> None:
-    if not value >= 0:
-        raise ValueError(f'start_s {value} must not be negative')
+    if not 0 <= value < LONGEST_S:
+        raise ValueError(f'start_s {value}: give 0 or more, and no more than a bag may last')
 
 
 class PlayerNode(Node):
@@ -57,6 +59,7 @@ class PlayerNode(Node):
         self.steps = 0
         self.seek = False
         self.now_ns = 0
+        self.lasts_s = 0.0
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)
         self.create_service(Trigger, '~/seek', self._on_seek)
@@ -70,6 +73,7 @@ class PlayerNode(Node):
                 connections = [c for c in reader.connections if c.topic in names]
                 if not connections:
                     raise NodeError(f'{self.p["bag"]}: has no topic that could be played')
+                self.lasts_s = (reader.end_time - begin_ns(reader)) * 1e-9
                 self._prepare(connections, executor)
                 how = SEEK
                 while how == SEEK or (how == END and self.p['loop']):
@@ -98,8 +102,7 @@ class PlayerNode(Node):
         begins_ns = begin_ns(reader)
         start_ns = begins_ns + round(float(self.get_parameter('start_s').value or 0.0) * 1e9)
         if start_ns > reader.end_time:
-            lasts_s = (reader.end_time - begins_ns) * 1e-9
-            raise NodeError(f'start_s is beyond the end of the bag, which lasts {lasts_s:.1f} s')
+            raise NodeError(f'start_s is beyond the end of the bag, which lasts {self.lasts_s:.1f} s')
         self._set_clock(start_ns)
         self._say_again(reader, connections, start_ns)
         anchor_s, anchor_ns, rate = time.monotonic(), start_ns, self._rate()
@@ -162,8 +165,10 @@ class PlayerNode(Node):
         return response
 
     def _on_seek(self, request: Any, response: Any) -> Any:
-        self.seek = True
-        response.success, response.message = True, f'to {self.get_parameter("start_s").value} s'
+        start_s = float(self.get_parameter('start_s').value or 0.0)
+        self.seek = start_s <= self.lasts_s
+        there = f'to {start_s} s' if self.seek else f'start_s {start_s}: the bag lasts {self.lasts_s:.1f} s'
+        response.success, response.message = self.seek, there
         return response
 
 

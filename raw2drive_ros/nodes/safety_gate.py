@@ -66,7 +66,9 @@ class SafetyGateNode(Node):
         make_subscription(self, topics.PROPOSED, self._on_proposal, self.losses)
         make_subscription(self, topics.ODOMETRY, self._on_odometry, self.losses)
         activate = self.create_service(Trigger, '~/activate', self._on_activate)
-        self.remedy = f'mend the cause, let the car stand, then: raw2drive call {activate.service_name}'
+        domain = self.context.get_domain_id()
+        call = f'raw2drive call {activate.service_name}' + (f' --domain {domain}' if domain else '')
+        self.remedy = f'mend the cause, let the car stand, then: {call}'
         if p['simulated']:
             self.create_service(Trigger, '~/start_over', self._on_start_over)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
@@ -129,6 +131,10 @@ class SafetyGateNode(Node):
 
     def _on_activate(self, request: Any, response: Any) -> Any:
         refusal = self.gate.activate()
+        if not refusal:
+            # What stops it next is news, even when it is the same cause.
+            self.logged = (None, '')
+            self.get_logger().info('re-activated')
         response.success, response.message = not refusal, refusal or self.gate.state.value
         return response
 
@@ -136,6 +142,7 @@ class SafetyGateNode(Node):
         """Another car at another place: no stop of the one before holds it, and no speed of that one matters."""
         if self.gate.state in STOPS:
             self.get_logger().info('started over: the stop of the last drive ends with it')
+            self.logged = (None, '')
         counts, self.gate = self.gate.counts, self.make_gate()
         self.gate.counts = counts
         self._look_around(self._now())

@@ -24,14 +24,10 @@ TYPES = {
     'lifecycle_msgs/srv/ChangeState': ChangeState,
 }
 WORDS = {'true': True, 'on': True, 'yes': True, 'false': False, 'off': False, 'no': False}
-CASTS = {
-    ParameterType.PARAMETER_BOOL: bool,
-    ParameterType.PARAMETER_INTEGER: int,
-    ParameterType.PARAMETER_DOUBLE: float,
-    ParameterType.PARAMETER_STRING: str,
-}
+TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
+INT64 = 2**63
 # Discovery takes a fraction of a second as a rule; on a busy machine it has taken seconds.
-LOOK_S, SETTLE_S, ANSWER_S = 8.0, 2.0, 20.0
+LOOK_S, SETTLE_S, ANSWER_S = 8.0, 2.0, 60.0
 
 
 class ServiceCallNode(Node):
@@ -56,21 +52,26 @@ class ServiceCallNode(Node):
         service = self.p['service']
         type_name = self._find(service)
         request = self._request(type_name)
-        node_name = service.rpartition('/')[0]
-        for name, value in (json.loads(self.p['set'] or '{}')).items():
-            self._set(node_name, name, value)
+        texts = json.loads(self.p['set'] or '{}')
+        if texts:
+            self._set(service.rpartition('/')[0], texts)
         client = self.create_client(TYPES[type_name], service)
         answer = self._wait(client.call_async(request) if client.wait_for_service(LOOK_S) else None, service)
-        text = getattr(answer, 'message', '') or ('done' if answer.success else 'refused')
+        refused = 'refused; why is in the log of the node, and on /diagnostics'
+        text = getattr(answer, 'message', '') or ('done' if answer.success else refused)
         if not answer.success:
             raise NodeError(f'{service}: {text}')
         print(text, flush=True)
 
     def _list(self) -> None:
-        started = time.monotonic()
-        while time.monotonic() < started + (SETTLE_S if self._callable() else LOOK_S):
+        found: dict[str, str] = {}
+        started = changed = time.monotonic()
+        # Until nothing new comes: nodes are found one after the other.
+        while time.monotonic() < (changed + SETTLE_S if found else started + LOOK_S):
             self.executor_.spin_once(timeout_sec=0.1)
-        found = self._callable()
+            now = self._callable()
+            if now != found:
+                found, changed = now, time.monotonic()
         if not found:
             raise NodeError('no service in this domain that could be called; is a graph running, is --domain its own?')
         for name, type_name in sorted(found.items()):
@@ -85,7 +86,7 @@ class ServiceCallNode(Node):
         deadline = time.monotonic() + LOOK_S
         while time.monotonic() < deadline:
             types = dict(self.get_service_names_and_types()).get(service)
-            if types:
+            if types and self.count_services(service):
                 if types[0] not in TYPES:
                     raise NodeError(f'{service} is a {types[0]}; only {", ".join(TYPES)} can be called')
                 return types[0]
@@ -97,32 +98,36 @@ class ServiceCallNode(Node):
         argument = self.p['argument']
         request = TYPES[type_name].Request()
         if type_name.endswith('SetBool'):
-            if argument not in WORDS:
+            if argument.lower() not in WORDS:
                 raise NodeError(f'{self.p["service"]} wants true or false')
-            request.data = WORDS[argument]
+            request.data = WORDS[argument.lower()]
         elif type_name.endswith('ChangeState'):
-            if not argument:
-                raise NodeError(f'{self.p["service"]} wants a transition: configure, activate, deactivate, cleanup')
+            if argument not in TRANSITIONS:
+                raise NodeError(f'{self.p["service"]} wants a transition: {", ".join(TRANSITIONS)}')
             # The node looks transitions up by name when the number is that of none.
             request.transition.id, request.transition.label = 255, argument
         elif argument:
             raise NodeError(f'{self.p["service"]} takes no argument')
         return request
 
-    def _set(self, node_name: str, name: str, value: Any) -> None:
+    def _set(self, node_name: str, texts: dict[str, str]) -> None:
+        """All of them or none."""
         client = AsyncParameterClient(self, node_name)
         if not client.wait_for_services(LOOK_S):
             raise NodeError(f'{node_name} does not answer')
-        kind = self._wait(client.get_parameter_types([name]), node_name).types
-        if not kind or kind[0] not in CASTS:
-            raise NodeError(f'{node_name} has no parameter {name}')
-        try:
-            parameter = Parameter(name, value=CASTS[kind[0]](value))
-        except (TypeError, ValueError) as error:
-            raise NodeError(f'{name}: {error}') from error
-        result = self._wait(client.set_parameters([parameter]), node_name).results[0]
+        parameters = []
+        for name, text in texts.items():
+            # One at a time: a node answers nothing at all when one of several names is unknown to it.
+            kinds = self._wait(client.get_parameter_types([name]), node_name).types
+            if not kinds or kinds[0] == ParameterType.PARAMETER_NOT_SET:
+                raise NodeError(f'{node_name} has no parameter {name}')
+            try:
+                parameters.append(Parameter(name, value=_value(text, kinds[0])))
+            except ValueError as error:
+                raise NodeError(f'{name}: {error}') from error
+        result = self._wait(client.set_parameters_atomically(parameters), node_name).result
         if not result.successful:
-            raise NodeError(f'{name}: {result.reason}')
+            raise NodeError(f'nothing was set: {result.reason}')
 
     def _wait(self, future: Any, who: str) -> Any:
         if future is not None:
@@ -130,6 +135,23 @@ class ServiceCallNode(Node):
         if future is None or not future.done():
             raise NodeError(f'{who} does not answer')
         return future.result()
+
+
+def _value(text: str, kind: int) -> Any:
+    """The text as a parameter of that type. Raises ValueError."""
+    if kind == ParameterType.PARAMETER_STRING:
+        return text
+    if kind == ParameterType.PARAMETER_BOOL:
+        if text.lower() not in WORDS:
+            raise ValueError(f'{text!r} is neither true nor false')
+        return WORDS[text.lower()]
+    if kind == ParameterType.PARAMETER_INTEGER:
+        if not -INT64 <= int(text) < INT64:
+            raise ValueError(f'{text} is too large')
+        return int(text)
+    if kind == ParameterType.PARAMETER_DOUBLE:
+        return float(text)
+    raise ValueError('only numbers, words and true or false can be set from here')
 
 
 def main(args: list[str] | None = None) -> int:

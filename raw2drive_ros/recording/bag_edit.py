@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import math
 import shutil
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -22,8 +22,11 @@ from raw2drive_ros.recording.bag_writer import BagWriter
 
 # No wall clock shows a time so near 1970, ten years, and no simulation runs so long.
 SIMULATED_BELOW_NS = 10 * 365 * 86_400 * 10**9
-ONE_PUBLISHER = frozenset(
-    spec.name for spec in topics.TOPICS if not spec.latched and spec.name not in (topics.CLOCK, topics.DIAGNOSTICS)
+# Topics with one message for each stamp. A gate says the same command again, under its stamp but as its own.
+ONE_A_STAMP = frozenset(
+    spec.name
+    for spec in topics.TOPICS
+    if not spec.latched and spec.name not in (topics.CLOCK, topics.DIAGNOSTICS, topics.PROPOSED, topics.COMMAND)
 )
 
 
@@ -50,13 +53,16 @@ def cut(
     if not 0.0 <= start_s < end_s:
         raise BagError(f'nothing lies between {start_s:g} s and {end_s:g} s: give 0 <= --start < --end')
     with open_bag(bag) as reader:
+        _require_messages(bag, reader)
+        idle = [p for p in patterns if not any(fnmatchcase(c.topic, p) for c in reader.connections)]
+        if idle:
+            raise BagError(f'{bag}: no topic matches {", ".join(idle)}; `raw2drive bag info` lists them')
         matching = [c for c in reader.connections if any(fnmatchcase(c.topic, pattern) for pattern in patterns)]
-        if not matching:
-            raise BagError(f'{bag}: no topic matches {", ".join(patterns)}; `raw2drive bag info` lists them')
         begins_ns = begin_ns(reader)
         # In whole nanoseconds: a float that counts from 1970 is off by hundreds of them.
-        start_ns = begins_ns + round(start_s * 1e9)
-        end_ns = reader.end_time + 1 if math.isinf(end_s) else begins_ns + round(end_s * 1e9)
+        lasts_s = (reader.end_time - begins_ns) * 1e-9
+        start_ns = begins_ns + round(min(start_s, lasts_s + 1.0) * 1e9)
+        end_ns = reader.end_time + 1 if end_s > lasts_s else begins_ns + round(end_s * 1e9)
         facts = provenance_of(bag) | {'cut_from': bag.name, 'cut': f'{start_s:g} s to {end_s:g} s'}
         latched: dict[str, tuple[Any, bytes]] = {}
         with whole_bag(out, facts) as writer:
@@ -74,7 +80,7 @@ def cut(
             for topic, (source, old) in latched.items() if start_ns <= reader.end_time else ():
                 writer.write_raw(topic, start_ns, old, _type_of(source))
             if not writer.counts:
-                raise BagError(f'{bag}: no message there: it lasts {(reader.end_time - begins_ns) * 1e-9:.1f} s')
+                raise BagError(f'{bag}: no message there: it lasts {lasts_s:.1f} s')
             return dict(writer.counts)
 
 
@@ -87,10 +93,10 @@ class Merged:
 
 
 def merge(bags: list[Path], out: Path) -> Merged:
-    """All messages of all bags in order of time, those that several bags have once.
+    """All messages of all bags in order of time, those that several bags have only once.
 
-    Raises BagError, also when the bags do not tell of one drive: different clocks, or different messages of one of our
-    topics at the same time.
+    Raises BagError, also when the bags do not tell of one drive: different clocks, or different sensor messages at one
+    time.
     """
     with ExitStack() as stack:
         readers = [stack.enter_context(open_bag(bag)) for bag in bags]
@@ -101,6 +107,8 @@ def merge(bags: list[Path], out: Path) -> Merged:
                     raise BagError(
                         f'{bag}: {connection.topic} is {connection.msgtype}, elsewhere {types[connection.topic]}'
                     )
+        for bag, reader in zip(bags, readers, strict=True):
+            _require_messages(bag, reader)
         _require_one_clock(bags, readers)
         facts = {'merged_from': ', '.join(bag.name for bag in bags)}
         for number, bag in enumerate(bags):
@@ -110,20 +118,28 @@ def merge(bags: list[Path], out: Path) -> Merged:
             streams = [_stream(reader, number) for number, reader in enumerate(readers)]
             merged = heapq.merge(*streams, key=lambda item: item[:3])
             for stamp_ns, together in itertools.groupby(merged, key=lambda item: item[0]):
-                seen: dict[tuple[str, bytes], int] = {}
+                seen: dict[tuple[str, bytes], Counter[int]] = {}
                 says: dict[str, int] = {}
                 for _, number, _, connection, data in together:
                     topic = connection.topic
-                    if seen.setdefault((topic, data), number) != number:
+                    copies = seen.setdefault((topic, data), Counter())
+                    copies[number] += 1
+                    # As often as the bag that has it most often; bags come one after the other.
+                    if copies[number] <= max((n for bag, n in copies.items() if bag != number), default=0):
                         doubled += 1
                         continue
-                    if topic in ONE_PUBLISHER and says.setdefault(topic, number) != number:
+                    if topic in ONE_A_STAMP and says.setdefault(topic, number) != number:
                         raise BagError(
                             f'{bags[number]} and {bags[says[topic]]}: different {topic} at {stamp_ns} ns: '
                             'these are different drives, which cannot be one bag'
                         )
                     writer.write_raw(topic, stamp_ns, data, _type_of(connection))
             return Merged(dict(writer.counts), doubled)
+
+
+def _require_messages(bag: Path, reader: Reader) -> None:
+    if not reader.message_count:
+        raise BagError(f'{bag}: holds no messages')
 
 
 def _require_one_clock(bags: list[Path], readers: list[Reader]) -> None:

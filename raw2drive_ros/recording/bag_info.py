@@ -12,7 +12,7 @@ from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import transition_from_message
 from raw2drive_ros import topics
 from raw2drive_ros.contract import ContractError
-from raw2drive_ros.recording.bag_reader import BagError, begin_ns, decoded, messages_in, open_bag
+from raw2drive_ros.recording.bag_reader import BagError, bag_folder, begin_ns, decoded, messages_in, open_bag
 
 
 def bag_info(path: Path) -> dict[str, Any]:
@@ -20,6 +20,7 @@ def bag_info(path: Path) -> dict[str, Any]:
     factory = RosbagsFactory()
     stamps: dict[str, list[int]] = {}
     episodes: list[str] = []
+    begun = 0
     with open_bag(path) as reader:
         types = {c.topic: c.msgtype for c in reader.connections}
         for connection, stamp, data in messages_in(reader):
@@ -29,7 +30,9 @@ def bag_info(path: Path) -> dict[str, Any]:
                     step, episode = transition_from_message(decoded(factory, reader, connection, data))
                 except ContractError as error:
                     raise BagError(f'{path}: {topics.TRANSITION}: {error}') from error
-                if step.is_first:
+                # A first tick that the bridge had to send again is no second beginning.
+                if step.is_first and stamp != begun:
+                    begun = stamp
                     episodes.append(episode)
         rows = []
         for topic in sorted(types):
@@ -53,7 +56,7 @@ def bag_info(path: Path) -> dict[str, Any]:
         'path': str(path),
         'duration_s': duration,
         'messages': len(everything),
-        'bytes': sum(f.stat().st_size for f in path.iterdir()),
+        'bytes': sum(f.stat().st_size for f in bag_folder(path).iterdir()),
         'provenance': custom,
         'topics': rows,
         'episodes': episodes,
@@ -61,6 +64,12 @@ def bag_info(path: Path) -> dict[str, Any]:
 
 
 def provenance_of(path: Path) -> dict[str, str]:
-    """The provenance that the writer put into metadata.yaml."""
-    loaded = yaml.safe_load((path / 'metadata.yaml').read_text())
-    return dict(loaded['rosbag2_bagfile_information'].get('custom_data') or {})
+    """The provenance that the writer put into metadata.yaml. Raises BagError."""
+    file = bag_folder(path) / 'metadata.yaml'
+    try:
+        loaded = yaml.safe_load(file.read_text())
+        found = dict(loaded['rosbag2_bagfile_information'].get('custom_data') or {})
+    except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError) as error:
+        # The bag library's own reader of YAML takes what this one refuses.
+        raise BagError(f'{file}: damaged: {error}') from error
+    return {str(key): str(value) for key, value in found.items()}

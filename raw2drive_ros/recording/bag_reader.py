@@ -50,20 +50,25 @@ def _whose(folder: Path) -> str:
     return ': nothing in it comes from a recorder'
 
 
+def bag_folder(path: Path) -> Path:
+    """Of a bag, or of a file in it, which may be given in its place."""
+    return path.parent if path.is_file() else path
+
+
 @contextmanager
 def open_bag(path: Path) -> Iterator[Reader]:
     """A rosbags Reader. Raises BagError for anything that is not a whole, readable bag."""
     if not path.exists():
         killed = partial_folder(path).is_dir()
         raise BagError(f'{path}: no such bag' + (f', but {partial_folder(path).name}{UNFINISHED}' if killed else ''))
-    if path.is_file():
-        if path.suffix not in BAG_FILES:
-            raise BagError(f'{path}: not a bag; a bag is a folder with a metadata.yaml and .mcap or .db3 files')
-        path = path.parent
-    if not (path / 'metadata.yaml').is_file():
-        raise BagError(f'{path}: not a complete bag (no metadata.yaml){_whose(path)}')
+    folder = bag_folder(path)
+    if path.is_file() and path.suffix not in BAG_FILES:
+        raise BagError(f'{path}: not a bag; a bag is a folder with a metadata.yaml and .mcap or .db3 files')
+    if not (folder / 'metadata.yaml').is_file():
+        alone = '; `raw2drive bag recover` makes a bag of it' if path.suffix == '.mcap' else _whose(folder)
+        raise BagError(f'{path}: not a complete bag (no metadata.yaml){alone}')
     try:
-        reader = Reader(path)
+        reader = Reader(folder)
         reader.open()
     except Exception as error:
         # Whatever the library makes of damage, absurd lengths among it (MemoryError).

@@ -14,7 +14,7 @@ from raw2drive_ros.contract import ContractError
 from raw2drive_ros.recording.bag_reader import BagError, begin_ns, decoded, messages_in, open_bag
 
 LEVELS = ('ok', 'warning', 'error', 'stale')
-FIGURES = re.compile(r'\d+(\.\d+)?')
+FIGURES = re.compile(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?')
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ def events_of(path: Path) -> list[Event]:
     found: list[Event] = []
     last: dict[str, tuple[int, str]] = {}
     with open_bag(path) as reader:
-        begins_ns = begin_ns(reader)
+        begins_ns, begun_ns = begin_ns(reader), -1
         wanted = [c for c in reader.connections if c.topic in (topics.DIAGNOSTICS, topics.TRANSITION)]
         for connection, stamp_ns, data in messages_in(reader, connections=wanted) if wanted else ():
             message = decoded(factory, reader, connection, data)
@@ -41,7 +41,9 @@ def events_of(path: Path) -> list[Event]:
             try:
                 if connection.topic == topics.TRANSITION:
                     step, episode = transition_from_message(message)
-                    if step.is_first:
+                    # A first tick that the bridge had to send again is no second beginning.
+                    if step.is_first and stamp_ns != begun_ns:
+                        begun_ns = stamp_ns
                         found.append(Event(time_s, 'bridge', 'ok', f'{episode} begins'))
                     continue
                 statuses = diagnostics_from_message(message)

@@ -35,7 +35,7 @@ def find_mcap(path: Path) -> list[Path]:
     if path.is_file():
         return [path]
     folder = path if path.is_dir() else partial_folder(path)
-    found = sorted(folder.rglob('*.mcap')) if folder.is_dir() else []
+    found = (sorted(folder.glob('*.mcap')) or sorted(folder.rglob('*.mcap'))) if folder.is_dir() else []
     if not found:
         raise BagError(f'{path}: no MCAP file there, nor in {folder.name}')
     bags = sorted({str(file.parent.relative_to(folder)) for file in found})

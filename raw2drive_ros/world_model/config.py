@@ -112,16 +112,19 @@ def load_strict(kind: type[Model], path: Path) -> Model:
     except (ValidationError, TypeError) as error:
         if isinstance(error, TypeError):
             raise ConfigError(f'{path}: keys must be words') from error
-        found = error.errors()
-        # A mistyped key is the cause of the missing one, and the one to look at.
-        unknown = [each for each in found if each['type'] == 'extra_forbidden']
-        first = (unknown or found)[0]
-        where = '.'.join(str(part) for part in first['loc'])
-        if not unknown:
-            raise ConfigError(f'{path}: {where}: {first["msg"]}') from error
-        missing = [str(each['loc'][-1]) for each in found if each['type'] == 'missing']
-        hint = f'; missing: {", ".join(missing)}' if missing else ''
-        raise ConfigError(f'{path}: {where}: no such key{hint}') from error
+        raise ConfigError(f'{path}: {_problems(error)}') from error
+
+
+def _problems(error: ValidationError) -> str:
+    """All in one line, keys that nobody knows first: a mistyped one is the cause of a missing one."""
+    found = [(each['type'], '.'.join(str(part) for part in each['loc']), each['msg']) for each in error.errors()]
+    unknown = [where for kind, where, _ in found if kind == 'extra_forbidden']
+    missing = [where for kind, where, _ in found if kind == 'missing']
+    said = [f'{", ".join(unknown)}: no such key'] if unknown else []
+    said += [f'{where}: {text}' for kind, where, text in found if kind not in ('extra_forbidden', 'missing')]
+    if missing:
+        said.append(f'missing: {", ".join(missing)}')
+    return '; '.join(said)
 
 
 def load_preset(name: str) -> dict[str, Any]:

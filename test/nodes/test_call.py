@@ -26,6 +26,10 @@ def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, caps
         for words, why in (
             (('/player/seek', '--set', 'start_s=-1'), 'start_s'),
             (('/player/seek', '--set', 'stat_s=1'), 'no parameter stat_s'),
+            (('/player/seek', '--set', 'start_s=1000'), 'the bag lasts'),
+            (('/player/seek', '--set', 'start_s=1e300'), 'start_s'),
+            (('/player/seek', '--set', 'start_s=soon'), 'start_s: could not convert'),
+            (('/player/seek', '--set', 'rate=3', '--set', 'start_s=-1'), 'nothing was set'),
             (('/player/pause', 'perhaps'), 'true or false'),
             (('/player/step', 'true'), 'no argument'),
             (('/safety_gate/actvate',), '/safety_gate/activate'),
@@ -34,6 +38,8 @@ def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, caps
             assert code == 1
             assert why in text
         graph.check()
+        # Nothing of what was refused together was set.
+        assert call('/player/pause', 'True') == (0, 'paused at 4000000000 ns\n')
 
 
 @pytest.mark.parametrize('words', [['seek'], ['/player/seek', '--set', 'start_s'], ['--set', 'a=1']])

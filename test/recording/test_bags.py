@@ -68,6 +68,24 @@ def test_an_unclosed_bag_is_a_clear_error(bag, tmp_path) -> None:
         pass
 
 
+def test_a_file_of_a_bag_stands_for_it(bag, tmp_path) -> None:
+    file = next(bag.glob('*.mcap'))
+    assert bag_info(file)['topics'] == bag_info(bag)['topics']
+    shutil.copy(file, tmp_path / 'alone.mcap')
+    with pytest.raises(BagError, match=r'alone\.mcap: .*bag recover'), open_bag(tmp_path / 'alone.mcap'):
+        pass
+
+
+def test_metadata_that_only_one_reader_takes_are_damaged(bag, tmp_path) -> None:
+    # Found by fuzzing: the bag library's YAML is more lenient than ours.
+    shutil.copytree(bag, tmp_path / 'odd')
+    file = tmp_path / 'odd' / 'metadata.yaml'
+    for damage in ('  : \n', '  - x\n'):
+        file.write_text((bag / 'metadata.yaml').read_text() + damage)
+        with pytest.raises(BagError, match='odd'):
+            bag_info(tmp_path / 'odd')
+
+
 def test_what_is_no_bag_does_not_blame_a_recorder(bag, tmp_path) -> None:
     (tmp_path / 'notes.txt').write_text('not a bag')
     (tmp_path / 'empty').mkdir()

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from msg_adapters.commands import decision_to_message
 from msg_adapters.diagnostics import diagnostics_to_message
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.sensors import odometry_to_message, route_to_message
 from raw2drive_ros import topics
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.contract import OdometrySample, Route
+from raw2drive_ros.contract import Control, Decision, OdometrySample, Route
 from raw2drive_ros.recording import bag_writer
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_edit import cut, merge
@@ -152,13 +153,13 @@ def test_cut_keeps_what_is_said_once_and_the_chosen_topics(bag, tmp_path) -> Non
     info = bag_info(tmp_path / 'part')
     assert info['duration_s'] <= 1.0
     assert info['provenance']['cut'] == '2 s to 3 s'
-    only = cut(bag, tmp_path / 'motion', patterns=('/vehicle/*', topics.IMU))
+    only = cut(bag, tmp_path / 'motion', 0.0, 1e300, patterns=('/vehicle/*', topics.IMU))
     assert set(only) == {topics.ODOMETRY, topics.IMU}
-    for start, end in ((500.0, 600.0), (3.0, 2.0), (-3.0, 2.0)):
+    for start, end in ((500.0, 600.0), (3.0, 2.0), (-3.0, 2.0), (1e300, 2e300)):
         with pytest.raises(BagError, match=r'no message there|nothing lies'):
             cut(bag, tmp_path / 'none', start, end)
     with pytest.raises(BagError, match='no topic matches /vehicle/odometri'):
-        cut(bag, tmp_path / 'none', patterns=('/vehicle/odometri',))
+        cut(bag, tmp_path / 'none', patterns=(topics.IMU, '/vehicle/odometri'))
     assert not list(tmp_path.glob('*none*'))
 
 
@@ -195,6 +196,34 @@ def test_merging_keeps_what_both_have_once_and_refuses_two_drives(bag, tmp_path)
     with pytest.raises(BagError, match='simulated time'):
         merge([tmp_path / 'a', tmp_path / 'wall'], tmp_path / 'none')
     assert not list(tmp_path.glob('*none*'))
+
+
+def test_the_parts_of_a_split_drive_are_merged_though_the_gate_repeats_itself(tmp_path) -> None:
+    # A gate on a car answers a proposal, and then says the same again under the same stamp.
+    factory = RosbagsFactory()
+    recording = Recording(tmp_path / 'day', {}, split_s=1.05)
+    for tick in range(30):
+        now_ns = 10**9 + tick * 10**8
+        recording.write(*said(topics.ODOMETRY, now_ns))
+        for inference_ms in (4.0, 0.0):
+            decision = Decision(now_ns, Control(0.5), action=3 if inference_ms else -1, inference_ms=inference_ms)
+            data = factory.serialize(decision_to_message(factory, decision), topics.BY_NAME[topics.COMMAND].msgtype)
+            recording.write(topics.COMMAND, now_ns, data)
+    bags = recording.close()
+    assert len(bags) == 3
+    merged = merge(bags, tmp_path / 'whole')
+    assert merged.counts == {topics.ODOMETRY: 30, topics.COMMAND: 60}
+    assert merged.doubled == 0
+
+
+def test_a_bag_without_messages_is_called_that(bag, tmp_path) -> None:
+    BagWriter(tmp_path / 'empty', {}).close()
+    for attempt in (
+        lambda: cut(tmp_path / 'empty', tmp_path / 'new'),
+        lambda: merge([bag, tmp_path / 'empty'], tmp_path / 'new'),
+    ):
+        with pytest.raises(BagError, match='empty: holds no messages'):
+            attempt()
 
 
 def test_several_bags_are_not_recovered_as_one(bag, tmp_path) -> None:
