@@ -164,6 +164,12 @@ def test_a_damaged_bundle_is_refused(bundle, tmp_path_factory, name, damage, cut
         load_bundle(folder)
 
 
+@pytest.mark.parametrize('seed', ['²', '٣', '9' * 5000, ''])
+def test_only_plain_numbers_are_seeds(seed) -> None:
+    with pytest.raises(RouteIdError):
+        RouteId.parse(f'Accident/{seed}')
+
+
 @settings(max_examples=300)
 @given(st.text(max_size=40) | st.from_regex(r'[A-Za-z]{1,12}(/[0-9A-Za-z-]{0,12}){0,4}', fullmatch=True))
 def test_any_text_is_a_route_or_a_clear_error(text) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.simulation.route_id import NUMBER, RouteId
 from raw2drive_ros.simulation.scenario import UnknownScenarioError, load_scenarios
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 
@@ -45,7 +45,7 @@ def weighted_types(name: str, seed: int) -> tuple[str, ...]:
     chosen: list[str] = []
     for part in name.split(','):
         word, star, times = part.partition('*')
-        if star and not (times.isdigit() and int(times) > 0):
+        if star and not (NUMBER.fullmatch(times) and int(times) > 0):
             raise UnknownScenarioError(f'unknown routes {part!r}: a weight is a whole number, as in ParkedObstacle*3')
         chosen += [route.type for route in routes_of(word, 1)] * int(times or 1)
     if '*' not in name:

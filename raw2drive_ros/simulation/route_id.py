@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
+
+# Not `isdigit`, which takes a superscript two; and no more than a ROS parameter holds.
+NUMBER = re.compile(r'[0-9]{1,18}')
 
 
 class RouteIdError(ValueError):
@@ -35,7 +39,7 @@ class RouteId:
         Raises RouteIdError, UnknownWeatherError; the type's name is not looked up.
         """
         name, *rest = text.strip().split('/')
-        if not name or not 1 <= len(rest) <= 3 or not rest[0].isdigit() or not all(p.isdigit() for p in rest[2:]):
+        if not name or not 1 <= len(rest) <= 3 or not all(NUMBER.fullmatch(part) for part in (rest[0], *rest[2:])):
             raise RouteIdError(
                 f'{text!r} is not of the form TYPE/SEED, TYPE/SEED/WEATHER or TYPE/SEED/WEATHER/REPETITION'
             )
