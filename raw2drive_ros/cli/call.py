@@ -12,7 +12,8 @@ EXAMPLES = """examples:
   raw2drive call /player/seek --set start_s=12 --domain 7
   raw2drive call /planner/change_state deactivate       configure, activate, deactivate, cleanup
 
---set sets parameters of the service's node first. Exit code 1: no such service, or it refused."""
+--set sets parameters of the service's node first, all or none. Options come last.
+Exit code 1: no such service, or it refused."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
