@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from typing import Any
 
@@ -25,7 +26,7 @@ TYPES = {
 }
 WORDS = {'true': True, 'on': True, 'yes': True, 'false': False, 'off': False, 'no': False}
 TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
-INT64 = 2**63
+WHOLE, INT64 = re.compile('[-+]?[0-9]{1,19}'), 2**63
 # Discovery takes a fraction of a second as a rule; on a busy machine it has taken seconds.
 LOOK_S, SETTLE_S, ANSWER_S = 8.0, 2.0, 60.0
 
@@ -146,8 +147,8 @@ def _value(text: str, kind: int) -> Any:
             raise ValueError(f'{text!r} is neither true nor false')
         return WORDS[text.lower()]
     if kind == ParameterType.PARAMETER_INTEGER:
-        if not -INT64 <= int(text) < INT64:
-            raise ValueError(f'{text} is too large')
+        if not WHOLE.fullmatch(text) or not -INT64 <= int(text) < INT64:
+            raise ValueError(f'{text!r} is no whole number, or too large a one')
         return int(text)
     if kind == ParameterType.PARAMETER_DOUBLE:
         return float(text)
