@@ -27,8 +27,8 @@ TYPES = {
 WORDS = {'true': True, 'on': True, 'yes': True, 'false': False, 'off': False, 'no': False}
 TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
 WHOLE, INT64 = re.compile('[-+]?[0-9]{1,19}'), 2**63
-# Discovery takes a fraction of a second as a rule; on a busy machine it has taken seconds.
-LOOK_S, SETTLE_S, ANSWER_S = 8.0, 2.0, 60.0
+# Discovery takes a fraction of a second as a rule; who missed the first announcements is found three seconds later.
+LOOK_S, SETTLE_S, ANSWER_S = 8.0, 4.0, 60.0
 
 
 class ServiceCallNode(Node):

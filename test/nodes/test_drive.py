@@ -11,6 +11,7 @@ import psutil
 import pytest
 
 from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 WATCH = """
@@ -43,16 +44,24 @@ def test_the_gate_stops_the_car_before_everything_ends(tmp_path, how) -> None:
         command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'drive', '--domain', str(domain), '--gate', gate]
         drive = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
         watch = graph.processes['watch'].stdout
-        deadline = time.monotonic() + 90.0
-        while float(watch.readline()) < 2.0:
-            assert time.monotonic() < deadline, 'it never drove'
-        if how == 'ctrl-c':
-            drive.send_signal(signal.SIGINT)
-        else:
-            nodes = psutil.Process(drive.pid).children()
-            (planner,) = [node for node in nodes if any('nodes.planner' in part for part in node.cmdline())]
-            os.kill(planner.pid, signal.SIGKILL)
-        said = drive.communicate(timeout=60.0)[1]
+        try:
+            deadline, again = time.monotonic() + 90.0, time.monotonic() + 15.0
+            while float(watch.readline()) < 2.0:
+                assert time.monotonic() < deadline, 'it never drove'
+                if time.monotonic() > again:
+                    # On a busy machine a gate may see 0.3 s of silence in its first second, and is then latched.
+                    again += 15.0
+                    main(['call', '/safety_gate/activate', '--domain', str(domain)])
+            if how == 'ctrl-c':
+                drive.send_signal(signal.SIGINT)
+            else:
+                nodes = psutil.Process(drive.pid).children()
+                (planner,) = [node for node in nodes if any('nodes.planner' in part for part in node.cmdline())]
+                os.kill(planner.pid, signal.SIGKILL)
+            said = drive.communicate(timeout=60.0)[1]
+        finally:
+            # Its gate and planner end with it; left alone they would command the cars of other tests.
+            drive.kill()
         graph.processes['watch'].terminate()
         speeds = [float(line) for line in watch if line.strip()]
     assert drive.returncode == (130 if how == 'ctrl-c' else 1)

@@ -50,7 +50,7 @@ def test_snapshots_are_written_on_a_stop_of_the_gate_and_on_request(tmp_path) ->
         graph.check()
     assert peer.stdout.split() == ['True', str(tmp_path / 'shots' / 'snapshot_001')]
     first, second = (bag_info(tmp_path / 'shots' / f'snapshot_{number:03d}') for number in range(2))
-    assert first['provenance']['snapshot'].startswith('gate: invalid proposal')
+    assert first['provenance']['snapshot'].startswith('gate: emergency_stop: invalid proposal')
     assert second['provenance']['snapshot'] == '~/save'
     assert second['duration_s'] <= 2.1
     for info in (first, second):
