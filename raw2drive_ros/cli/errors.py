@@ -53,6 +53,9 @@ def _on_sigterm(number: int, frame: FrameType | None) -> None:
 def guarded(run: Callable[[argparse.Namespace], int], options: argparse.Namespace) -> int:
     """Run a verb; returns its exit code."""
     signal.signal(signal.SIGTERM, _on_sigterm)
+    # Scripts start background jobs with SIGINT ignored; a gate that is asked to end has a car to stop.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     # nohup ignores it, and that is to stay so.
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, _on_sigterm)
