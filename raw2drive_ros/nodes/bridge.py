@@ -75,7 +75,6 @@ class BridgeNode(Node):
         self.compressed = wants_compressed(p['image_transport'])
         self.queue = _parse_episodes(p['episodes'])
         self.endless = not self.queue or bool(p['loop'])
-        get_scenario(p['scenario'])
         self.co_driver = _co_driver(p['co_driver'], p['co_driver_run'])
         cameras = self.co_driver is None or self.co_driver.needs_cameras
         config = SimulationConfig(

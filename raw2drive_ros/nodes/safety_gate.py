@@ -132,8 +132,8 @@ class SafetyGateNode(Node):
     def _on_activate(self, request: Any, response: Any) -> Any:
         refusal = self.gate.activate()
         if not refusal:
-            # What stops it next is news, even when it is the same cause.
-            self.logged = (None, '')
+            # Said here, for in lock-step a waiting gate publishes nothing; what stops it next is news again.
+            self.logged = (self.gate.state, self.gate.reason)
             self.get_logger().info('re-activated')
         response.success, response.message = not refusal, refusal or self.gate.state.value
         return response

@@ -59,7 +59,7 @@ def cut(
             raise BagError(f'{bag}: no topic matches {", ".join(idle)}; `raw2drive bag info` lists them')
         matching = [c for c in reader.connections if any(fnmatchcase(c.topic, pattern) for pattern in patterns)]
         begins_ns = begin_ns(reader)
-        # In whole nanoseconds: a float that counts from 1970 is off by hundreds of them.
+        # In whole nanoseconds: a float that counts from 1970 is off by up to 128 of them.
         lasts_s = (reader.end_time - begins_ns) * 1e-9
         start_ns = begins_ns + round(min(start_s, lasts_s + 1.0) * 1e9)
         end_ns = reader.end_time + 1 if end_s > lasts_s else begins_ns + round(end_s * 1e9)

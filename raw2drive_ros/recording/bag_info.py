@@ -20,7 +20,7 @@ def bag_info(path: Path) -> dict[str, Any]:
     factory = RosbagsFactory()
     stamps: dict[str, list[int]] = {}
     episodes: list[str] = []
-    begun = 0
+    begun = -1
     with open_bag(path) as reader:
         types = {c.topic: c.msgtype for c in reader.connections}
         for connection, stamp, data in messages_in(reader):
