@@ -10,7 +10,8 @@ import numpy as np
 from msg_adapters.factory import MessageFactory, fill_bytes
 from msg_adapters.sensors import optical_frame
 from msg_adapters.stamps import set_stamp
-from raw2drive_ros.contract import ContractError, Image8
+from raw2drive_ros.contract import Image8
+from raw2drive_ros.errors import ContractError
 
 JPEG_QUALITY = 95
 _JPEG = (int(cv2.IMWRITE_JPEG_QUALITY), JPEG_QUALITY)

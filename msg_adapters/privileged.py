@@ -13,7 +13,7 @@ from msg_adapters.named_values import named_values_from_message, named_values_to
 from msg_adapters.sensors import BASE_FRAME
 from msg_adapters.stamps import set_stamp, stamp_ns
 from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.contract import ContractError
+from raw2drive_ros.errors import ContractError
 from raw2drive_ros.privileged_contract import EGO_FIELDS, PrivilegedFrame, Transition
 
 _FORMAT = re.compile(r'bev_bits; shape=(\d+)x(\d+)x(\d+); packing=channel_major_msb_first')

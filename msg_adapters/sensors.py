@@ -10,15 +10,8 @@ from numpy.typing import NDArray
 
 from msg_adapters.factory import MessageFactory, fill_bytes
 from msg_adapters.stamps import set_stamp, stamp_ns
-from raw2drive_ros.contract import (
-    CameraCalibration,
-    ContractError,
-    Float64,
-    Image8,
-    ImuSample,
-    OdometrySample,
-    Route,
-)
+from raw2drive_ros.contract import CameraCalibration, Float64, Image8, ImuSample, OdometrySample, Route
+from raw2drive_ros.errors import ContractError
 
 MAP_FRAME = 'map'
 BASE_FRAME = 'base_link'

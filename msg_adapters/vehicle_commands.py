@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from msg_adapters.factory import MessageFactory
+from msg_adapters.motion import Motion
 from msg_adapters.sensors import BASE_FRAME
 from msg_adapters.stamps import set_stamp
 from raw2drive_ros.contract import Control
-from raw2drive_ros.driving.vehicle_motion import Motion
 
 Make = Callable[[MessageFactory, Control, Motion, int], Any]
 

@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raw2drive_ros.errors import ContractError
+
 Float64 = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
-
-
-class ContractError(ValueError):
-    """A value breaks the contract of the type that holds it."""
 
 
 def _require(condition: bool, message: str) -> None:

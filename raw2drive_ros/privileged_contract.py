@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.contract import ContractError
+from raw2drive_ros.errors import ContractError
 
 EGO_FIELDS = ('speed_mps', 'steer', 'throttle', 'brake', 'yaw_rate_radps')
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from raw2drive_ros.world_model.config import Strict, load_strict, preset_folder
+from raw2drive_ros.settings import Strict, load_strict, params_folder
 
 
 class Timing(Strict):
@@ -34,4 +34,4 @@ class Timing(Strict):
 
 def load_timing(path: Path | None = None) -> Timing:
     """Raises ConfigError that names the field."""
-    return load_strict(Timing, path or preset_folder() / 'timing.yaml')
+    return load_strict(Timing, path or params_folder() / 'timing.yaml')

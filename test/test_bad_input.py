@@ -18,21 +18,20 @@ from msg_adapters.sensors import (
     transform_from_message,
 )
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError, OdometrySample
-from raw2drive_ros.driving.bundle import BundleError, load_bundle
+from raw2drive_ros.contract import OdometrySample
+from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.driving.monitor_config import load_monitor_config
+from raw2drive_ros.errors import BagError, BundleError, ConfigError, ContractError, RouteIdError, UnknownWeatherError
 from raw2drive_ros.faults.plan import load_plans
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import BagError
 from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.recover import recover
-from raw2drive_ros.simulation.route_id import RouteId, RouteIdError
-from raw2drive_ros.simulation.weather import UnknownWeatherError
+from raw2drive_ros.settings import params_folder
+from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.timing import load_timing
 from raw2drive_ros.training.recipe import load_recipe
-from raw2drive_ros.world_model.config import ConfigError, preset_folder
 
 FACTORY = RosbagsFactory()
 SLOW = settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
@@ -137,7 +136,7 @@ def load_recipe_file(path):
 @SLOW
 @given(st.sampled_from(['gate', 'monitor', 'timing']), st.data())
 def test_a_random_value_in_a_parameter_file_is_taken_or_named(tmp_path_factory, name, data) -> None:
-    loaded = yaml.safe_load((preset_folder() / f'{name}.yaml').read_text())
+    loaded = yaml.safe_load((params_folder() / f'{name}.yaml').read_text())
     place = data.draw(st.sampled_from([loaded, *(v for v in loaded.values() if isinstance(v, dict))]))
     field = data.draw(st.sampled_from(sorted(place)))
     place[field] = data.draw(NESTED)

@@ -35,8 +35,9 @@ from msg_adapters.sensors import (
     transform_to_message,
 )
 from raw2drive_ros import topics
-from raw2drive_ros.contract import CameraCalibration, ContractError, Control, ImuSample, OdometrySample, Route
+from raw2drive_ros.contract import CameraCalibration, Control, ImuSample, OdometrySample, Route
 from raw2drive_ros.driving.command_policy import CommandPolicy
+from raw2drive_ros.errors import ContractError
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
 from raw2drive_ros.timing import load_timing

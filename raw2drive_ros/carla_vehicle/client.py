@@ -20,13 +20,10 @@ from raw2drive_ros.carla_vehicle.geometry import (
 )
 from raw2drive_ros.carla_vehicle.route import follow_lanes
 from raw2drive_ros.contract import CameraCalibration, Control, ImuSample, OdometrySample, Route, SensorFrame
+from raw2drive_ros.errors import CarlaError
 
 TICK_S = 0.05
 ROUTE_SPACING_M = 30.0
-
-
-class CarlaError(RuntimeError):
-    """No server, or one that does not do what is asked; one line says what to do."""
 
 
 @dataclass(frozen=True, slots=True)

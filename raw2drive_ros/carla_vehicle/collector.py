@@ -5,9 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-
-class SensorTimeoutError(RuntimeError):
-    """A sensor has not reported in time."""
+from raw2drive_ros.errors import SensorTimeoutError
 
 
 class FrameCollector:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from raw2drive_ros.carla_vehicle.geometry import pose_from_carla
-from raw2drive_ros.contract import ContractError, Float64
+from raw2drive_ros.contract import Float64
+from raw2drive_ros.errors import ContractError
 
 
 def follow_lanes(waypoint: Any, length_m: float, spacing_m: float, rng: np.random.Generator) -> Float64:

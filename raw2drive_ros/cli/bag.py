@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.errors import UsageError
 
     if options.action != 'merge' and len(options.bags) != 1:
         raise UsageError(f'bag {options.action} takes one bag')

@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import torch
 
-    from raw2drive_ros.cli.errors import UsageError
-    from raw2drive_ros.cli.progress import bar
+    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.progress import bar
     from raw2drive_ros.recording.bag_reader import find_bags
     from raw2drive_ros.recording.dataset import load_bag
     from raw2drive_ros.report.calibration import Judge, Traces, joined, numbers

@@ -28,8 +28,8 @@ def run(options: argparse.Namespace) -> int:
     import tempfile
     from pathlib import Path
 
-    from raw2drive_ros.cli.errors import UsageError
-    from raw2drive_ros.cli.graph import GraphError, running_graph
+    from raw2drive_ros.cli.graph import running_graph
+    from raw2drive_ros.errors import GraphError, UsageError
 
     if options.service and not options.service.startswith('/'):
         raise UsageError(f'{options.service}: give the full name, as /safety_gate/activate')

@@ -33,10 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.errors import UsageError
-    from raw2drive_ros.cli.graph import GraphError, running_graph
+    from raw2drive_ros.cli.graph import running_graph
     from raw2drive_ros.driving.bundle import load_bundle
-    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.errors import GraphError, UsageError
+    from raw2drive_ros.settings import default_bundle
 
     if not options.seconds > 0:
         raise UsageError('--seconds must be positive')

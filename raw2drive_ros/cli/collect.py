@@ -57,12 +57,12 @@ def run(options: argparse.Namespace) -> int:
     import cv2
     import torch
 
-    from raw2drive_ros.cli.errors import UsageError
-    from raw2drive_ros.cli.progress import bar
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.drivers import expert_episodes, make_driver
     from raw2drive_ros.evaluation.routes import weighted_types
     from raw2drive_ros.evaluation.table_actions import ASKED_TICKS, Advised, through_table
+    from raw2drive_ros.progress import bar
     from raw2drive_ros.simulation.camera_rig import SIZES
 
     if options.advice_every < ASKED_TICKS:

@@ -37,14 +37,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.graph import reserve_domain
     from raw2drive_ros.cli.graph_drive import GraphJob, drive_graph
-    from raw2drive_ros.cli.progress import bar
     from raw2drive_ros.cli.table import print_events, print_results
     from raw2drive_ros.evaluation.evaluate import summarise
     from raw2drive_ros.evaluation.metrics import RouteResult
     from raw2drive_ros.evaluation.routes import SUITE_VERSION
-    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.progress import bar
     from raw2drive_ros.recording.bag_writer import require_space
     from raw2drive_ros.recording.events import events_of
+    from raw2drive_ros.settings import default_bundle
     from raw2drive_ros.simulation.route_id import RouteId
     from raw2drive_ros.simulation.scenario import get_scenario
 
@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _faults(options: argparse.Namespace) -> tuple[str, str] | None:
     """Raises ConfigError or UsageError before any process starts."""
-    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.faults.plan import load_plans
 
     if options.fault is None:
@@ -117,7 +117,7 @@ def _clear(out: Path) -> None:
 
 
 def _pictures(out: Path, bundle: Path, result: dict[str, Any]) -> dict[str, Path]:
-    from raw2drive_ros.cli.progress import bar
+    from raw2drive_ros.progress import bar
     from raw2drive_ros.report.html import write_report
     from raw2drive_ros.report.video import write_video
 

@@ -106,11 +106,12 @@ def _timing() -> dict[str, float]:
 def _latency(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None:
     import numpy as np
 
-    from raw2drive_ros.driving.bundle import BundleError, load_bundle
+    from raw2drive_ros.driving.bundle import load_bundle
     from raw2drive_ros.driving.driver import RawDriver
+    from raw2drive_ros.errors import BundleError
     from raw2drive_ros.evaluation.drivers import SensorOnly
     from raw2drive_ros.evaluation.episode import drive_route
-    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.settings import default_bundle
     from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
     from raw2drive_ros.simulation.route_id import RouteId
 
@@ -129,9 +130,9 @@ def _stopping(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None
     """Dead planner to standing car: the contract's sum at the speed that was measured, and the measurement."""
     from dataclasses import asdict
 
-    from raw2drive_ros.driving.bundle import BundleError
+    from raw2drive_ros.errors import BundleError
     from raw2drive_ros.evaluation.stopping import computed, measured
-    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.settings import default_bundle
     from raw2drive_ros.timing import load_timing
 
     try:

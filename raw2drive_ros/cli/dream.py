@@ -25,9 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.errors import UsageError
-    from raw2drive_ros.paths import default_teacher
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.report.dream import dream, save_dream, ticks_around
+    from raw2drive_ros.settings import default_teacher
     from raw2drive_ros.training.teacher import load_teacher
 
     if options.at < 0 or options.seconds <= 0:

@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.driving.bundle import load_bundle
     from raw2drive_ros.driving.gate_config import load_gate_config
     from raw2drive_ros.driving.monitor_config import load_monitor_config
-    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.settings import default_bundle
 
     bundle = (options.bundle or default_bundle()).resolve()
     load_bundle(bundle)

@@ -62,12 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import cv2
 
-    from raw2drive_ros.cli.progress import bar
     from raw2drive_ros.cli.table import print_results
     from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate, strips_of
     from raw2drive_ros.evaluation.metrics import RouteResult
-    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.progress import bar
     from raw2drive_ros.report.strip import StripRecorder
+    from raw2drive_ros.settings import default_bundle
 
     cv2.setNumThreads(1)
     suite, version, routes = _routes(options)
@@ -103,7 +103,7 @@ def _routes(options: argparse.Namespace) -> tuple[str, str, list[RouteId]]:
     """(suite, version, routes) from either --suite or --routes and --seeds. Raises UsageError."""
     from dataclasses import replace
 
-    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.evaluation.routes import SUITE_VERSION, routes_of
     from raw2drive_ros.evaluation.suites import load_suite
     from raw2drive_ros.simulation.scenario import load_scenarios

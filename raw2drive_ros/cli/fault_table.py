@@ -29,9 +29,9 @@ class Job:
 
 def run_under_faults(options: argparse.Namespace, routes: list[RouteId]) -> int:
     """Drive every route without and with every plan; prints a table or JSON, `--out` keeps a line per drive."""
-    from raw2drive_ros.cli.progress import bar
     from raw2drive_ros.faults.plan import load_plans
-    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.progress import bar
+    from raw2drive_ros.settings import default_bundle
 
     file = load_plans(options.faults)
     plans = {NO_FAULT: []} | file.plans

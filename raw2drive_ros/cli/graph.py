@@ -14,16 +14,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from raw2drive_ros.errors import DomainBusyError, GraphError
+
 END_WITHIN_S = 1.5
 DOMAINS = range(50, 90)
-
-
-class GraphError(RuntimeError):
-    """A process of the graph failed; the message has its last words."""
-
-
-class DomainBusyError(RuntimeError):
-    """The ROS domain is used by another graph of ours."""
 
 
 @contextlib.contextmanager

@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             loaded.add_arguments(sub)
             sub.set_defaults(run=loaded.run)
     options = parser.parse_args(given)
-    from raw2drive_ros.cli.errors import guarded
+    from raw2drive_ros.cli.guard import guarded
 
     return guarded(options.run, options)
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros.cli.progress import bar
-from raw2drive_ros.training.checkpoint import CheckpointError, newest_checkpoint
+from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.progress import bar
+from raw2drive_ros.training.checkpoint import newest_checkpoint
 from raw2drive_ros.training.recipe import Collection, Recipe
 from raw2drive_ros.training.run import RunFolder, train
 from raw2drive_ros.training.teacher import BEST

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.recording.bag_reader import begin_ns, open_bag
 
     if options.bundle is not None and not options.verify:
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'--start {options.start:g}: the bag lasts {lasts_s:.1f} s')
     if options.verify:
         from raw2drive_ros.evaluation.verify import verify_bag
-        from raw2drive_ros.paths import default_bundle
+        from raw2drive_ros.settings import default_bundle
 
         outcome = verify_bag(options.bag, options.bundle or default_bundle())
         print(json.dumps(asdict(outcome)) if options.json else outcome.text)

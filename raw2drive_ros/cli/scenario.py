@@ -37,13 +37,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.simulation.scenario import get_scenario
 
     if options.action == 'list':
         return print_list()
     if options.action == 'gallery':
-        from raw2drive_ros.cli.progress import bar
+        from raw2drive_ros.progress import bar
         from raw2drive_ros.report.gallery import write_gallery
 
         with bar('drawing', 44, 'types') as advance:
@@ -67,8 +67,8 @@ def print_list() -> int:
 def _reward(options: argparse.Namespace) -> int:
     """Drive twice under the rules of training, and plot the terms of the reward."""
     from raw2drive_ros.evaluation.evaluate import DriverSpec
-    from raw2drive_ros.paths import default_bundle
     from raw2drive_ros.report.reward_plot import save_reward_plot, trace
+    from raw2drive_ros.settings import default_bundle
     from raw2drive_ros.simulation.route_id import RouteId
     from raw2drive_ros.simulation.weather import get_weather
 
@@ -89,10 +89,10 @@ def _reward(options: argparse.Namespace) -> int:
 def _show(options: argparse.Namespace) -> int:
     import cv2
 
-    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.evaluation.evaluate import DriverSpec
-    from raw2drive_ros.paths import default_bundle
     from raw2drive_ros.report.scene import SECONDS, outcome_of, save_film, save_picture
+    from raw2drive_ros.settings import default_bundle
     from raw2drive_ros.simulation.camera_rig import SIZES
     from raw2drive_ros.simulation.route_id import RouteId
     from raw2drive_ros.simulation.weather import get_weather

@@ -8,7 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros.cli.graph import END_WITHIN_S, GraphError, running_graph
+from raw2drive_ros.cli.graph import END_WITHIN_S, running_graph
+from raw2drive_ros.errors import GraphError
 
 # The gate's comfortable stop, then its emergency stop with the shipped brakes: enough from 30 m/s.
 SURVIVES_S = 8.0

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.evaluation.soak import drop_half_line, read_samples, totals
 
     if not (0 <= options.hours < 10_000 and options.every > 0 and options.warm_up >= 0):
@@ -69,7 +69,7 @@ def _soak(options: argparse.Namespace, file: Path, part: int, hours: float) -> N
     from contextlib import ExitStack
 
     from raw2drive_ros.cli.graph import reserve_domain, running_graph
-    from raw2drive_ros.cli.progress import bar
+    from raw2drive_ros.progress import bar
 
     wanted_s = hours * 3600.0
     with ExitStack() as stack:
@@ -135,7 +135,7 @@ class _Part:
 def _start(graph: Graph, folder: Path, options: argparse.Namespace) -> None:
     from raw2drive_ros.driving.bundle import load_bundle
     from raw2drive_ros.evaluation.suites import load_suite
-    from raw2drive_ros.paths import default_bundle
+    from raw2drive_ros.settings import default_bundle
 
     bundle = (options.bundle or default_bundle()).resolve()
     rig = load_bundle(bundle).rig

@@ -21,9 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.errors import UsageError
-    from raw2drive_ros.cli.progress import bar
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.evaluation.suites import draw_suite, load_suite, suite_folder, suite_plans
+    from raw2drive_ros.progress import bar
 
     if options.action == 'list':
         for path in sorted(suite_folder().glob('*.json')):

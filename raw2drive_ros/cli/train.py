@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _overrides(pairs: list[str]) -> dict[str, Any]:
     import yaml
 
-    from raw2drive_ros.cli.errors import UsageError
+    from raw2drive_ros.errors import UsageError
 
     found = {}
     for pair in pairs:
@@ -63,8 +63,8 @@ def run(options: argparse.Namespace) -> int:
     # collector. Threads that sleep at once cost a third of the speed. So: spin for some tens of microseconds.
     os.environ.setdefault('OMP_WAIT_POLICY', 'PASSIVE')
     os.environ.setdefault('GOMP_SPINCOUNT', '30000')
-    from raw2drive_ros.cli.errors import UsageError
-    from raw2drive_ros.cli.progress import bar
+    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.progress import bar
     from raw2drive_ros.training.parallel import ranks_of_torchrun
     from raw2drive_ros.training.run import train
 
@@ -114,8 +114,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run_recipe(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.errors import UsageError
     from raw2drive_ros.cli.recipe import run_recipe
+    from raw2drive_ros.errors import UsageError
     from raw2drive_ros.training.recipe import load_recipe
 
     if options.stage != 'privileged' or options.bags is not None:

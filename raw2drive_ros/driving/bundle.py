@@ -21,8 +21,9 @@ from torch import Tensor
 
 from raw2drive_ros import __version__
 from raw2drive_ros.actions import ACTION_COUNT, table_hash
-from raw2drive_ros.contract import CameraCalibration, ContractError
+from raw2drive_ros.contract import CameraCalibration
 from raw2drive_ros.driving.preprocessing import REACHED_AHEAD_M
+from raw2drive_ros.errors import BundleError, ContractError
 from raw2drive_ros.vector_layout import CHECKPOINT_SCALE_M, VECTOR_FIELDS
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.config import ModelConfig
@@ -31,10 +32,6 @@ from raw2drive_ros.world_model.streams import RawWorldModel
 FORMAT = 1
 EGO_SIZE = 5
 MAX_WEIGHT_BYTES = 2_000_000_000
-
-
-class BundleError(RuntimeError):
-    """A bundle is missing, damaged, or does not fit; the message says what differs."""
 
 
 @dataclass(slots=True)

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from raw2drive_ros.actions import ACTION_COUNT, ACTIONS
-from raw2drive_ros.contract import ContractError, Decision, Route, SensorFrame
+from raw2drive_ros.contract import Decision, Route, SensorFrame
 from raw2drive_ros.driving.bundle import Bundle
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
+from raw2drive_ros.errors import ContractError
 from raw2drive_ros.world_model.rssm import State
 
 FORGET_AFTER_S = 1.0

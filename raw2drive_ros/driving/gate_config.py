@@ -10,8 +10,9 @@ from pydantic import Field
 
 from raw2drive_ros.driving.gate import GateLimits
 from raw2drive_ros.driving.gate_limits import MotionLimits
+from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.settings import Strict, load_strict, params_folder
 from raw2drive_ros.timing import Timing
-from raw2drive_ros.world_model.config import ConfigError, Strict, load_strict, preset_folder
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Bound = Annotated[float, Field(gt=0)]
@@ -69,7 +70,7 @@ class GateConfig(Strict):
 
 def load_gate_config(path: Path | None = None) -> GateConfig:
     """The shipped file, or another one. Raises ConfigError that names the field."""
-    file = path or preset_folder() / 'gate.yaml'
+    file = path or params_folder() / 'gate.yaml'
     found = load_strict(GateConfig, file)
     if found.stop.comfortable_brake > found.stop.emergency_brake:
         raise ConfigError(f'{file}: stop.comfortable_brake is above stop.emergency_brake')

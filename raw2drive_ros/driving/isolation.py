@@ -8,6 +8,8 @@ import sys
 from collections.abc import Sequence
 from types import ModuleType
 
+from raw2drive_ros.errors import PrivilegedImportError
+
 FORBIDDEN = (
     'msg_adapters.privileged',
     'raw2drive_ros.privileged_contract',
@@ -16,10 +18,6 @@ FORBIDDEN = (
     'raw2drive_ros.evaluation',
     'raw2drive_ros.recording',
 )
-
-
-class PrivilegedImportError(ImportError):
-    """Something in the planner's process tried to reach privileged code or data."""
 
 
 class _Blocker(importlib.abc.MetaPathFinder):

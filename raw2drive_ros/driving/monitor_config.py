@@ -7,8 +7,8 @@ from pathlib import Path
 from pydantic import Field
 
 from raw2drive_ros.driving.sensor_monitor import MonitorLimits
+from raw2drive_ros.settings import Strict, load_strict, params_folder
 from raw2drive_ros.timing import Timing
-from raw2drive_ros.world_model.config import Strict, load_strict, preset_folder
 
 
 class MonitorConfig(Strict):
@@ -36,4 +36,4 @@ class MonitorConfig(Strict):
 
 def load_monitor_config(path: Path | None = None) -> MonitorConfig:
     """The shipped file, or another one. Raises ConfigError that names the field."""
-    return load_strict(MonitorConfig, path or preset_folder() / 'monitor.yaml')
+    return load_strict(MonitorConfig, path or params_folder() / 'monitor.yaml')

@@ -17,8 +17,9 @@ from msg_adapters.sensors import (
 )
 from msg_adapters.stamps import stamp_ns
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError, Decision
+from raw2drive_ros.contract import Decision
 from raw2drive_ros.driving.raw_planner import RawPlanner
+from raw2drive_ros.errors import ContractError
 
 Handler = Callable[[Any, int], Decision | None]
 

@@ -14,21 +14,18 @@ from raw2drive_ros.actions import ACTION_COUNT, ACTIONS, nearest_action
 from raw2drive_ros.contract import Control, Decision, SensorFrame
 from raw2drive_ros.driving.baselines import RandomDriver, StraightDriver
 from raw2drive_ros.driving.driver import Driver
+from raw2drive_ros.errors import UnknownDriverError
 from raw2drive_ros.evaluation.expert import Expert
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
 from raw2drive_ros.evaluation.simple_drivers import IdmMobil, constant_speed
-from raw2drive_ros.paths import default_teacher
 from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.settings import default_teacher
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import SUBSTEPS, World
 from raw2drive_ros.world_model.distributions import sample_one_hot
 from raw2drive_ros.world_model.rssm import State
 
 DRIVER_NAMES = ('raw', 'privileged', 'expert', 'rule', 'idm', 'constant', 'straight', 'random')
-
-
-class UnknownDriverError(ValueError):
-    """No driver of that name; the message lists the known ones."""
 
 
 class EpisodeDriver(Protocol):

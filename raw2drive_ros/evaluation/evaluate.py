@@ -16,20 +16,17 @@ import numpy as np
 
 from raw2drive_ros.contract import Decision
 from raw2drive_ros.driving.bundle import load_bundle
+from raw2drive_ros.errors import ResultsError
 from raw2drive_ros.evaluation.drivers import Blindfold, EpisodeDriver, make_driver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.metrics import RouteResult, failed_route
 from raw2drive_ros.evaluation.statistics import Results, by_ability, flaky, summary
 from raw2drive_ros.evaluation.table_actions import through_table
-from raw2drive_ros.paths import default_teacher
+from raw2drive_ros.settings import default_teacher
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 
 OnRoute = Callable[[int, RouteResult], None]
-
-
-class ResultsError(RuntimeError):
-    """A file of results belongs to another evaluation, or is damaged."""
 
 
 class Observer(Protocol):

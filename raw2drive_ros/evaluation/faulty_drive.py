@@ -16,13 +16,14 @@ from typing import Any
 from msg_adapters.commands import decision_from_message, decision_to_message
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError, Control, Decision
+from raw2drive_ros.contract import Control, Decision
 from raw2drive_ros.driving import gate_inputs
 from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.driving.gate import STOPS, Gate, Moment
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.driving.planner_inputs import PlannerInputs
 from raw2drive_ros.driving.raw_planner import RawPlanner
+from raw2drive_ros.errors import ContractError
 from raw2drive_ros.evaluation.episode import result_of
 from raw2drive_ros.evaluation.metrics import RouteResult
 from raw2drive_ros.faults.injector import Injector

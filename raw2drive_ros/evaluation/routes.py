@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from raw2drive_ros.errors import UnknownScenarioError
 from raw2drive_ros.simulation.route_id import NUMBER, RouteId
-from raw2drive_ros.simulation.scenario import UnknownScenarioError, load_scenarios
+from raw2drive_ros.simulation.scenario import load_scenarios
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 
 # Of routes that are named on the command line; suites carry their own.

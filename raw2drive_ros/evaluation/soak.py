@@ -12,14 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from raw2drive_ros.errors import SoakError
+
 # Memory grows while every scenario type is driven for the first time; after this much simulated time it must not.
 WARM_UP_H = 1.0
 MAX_POINTS = 400
 MEMORY_MIB_PER_H, LOG_MIB_PER_H = 1.0, 1.0
-
-
-class SoakError(RuntimeError):
-    """A file of samples that is not one."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from raw2drive_ros.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import ABILITIES, bootstrap
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import load_scenarios
@@ -30,10 +31,6 @@ OPTIONAL = ('efficiency', 'comfort')
 NUMBERS = ('route_completion', 'infraction_score', 'driving_score')
 FLIPS = 10_000
 SIGNIFICANT = 0.05
-
-
-class ResultsFileError(RuntimeError):
-    """A file is not the results of an evaluation, or two of them cannot be compared."""
 
 
 class Results(NamedTuple):
@@ -67,11 +64,11 @@ def id_of(row: Row) -> RouteId:
 
 def read_results(path: Path) -> Results:
     """A file that `raw2drive evaluate --out` wrote or is writing: a torn last line is left out, the later of two rows
-    of one route counts. Raises ResultsFileError."""
+    of one route counts. Raises ResultsError."""
     try:
         lines = path.read_text(encoding='utf-8').splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise ResultsFileError(f'{path}: cannot be read: {error}') from error
+        raise ResultsError(f'{path}: cannot be read: {error}') from error
     records: list[Row] = []
     for number, line in enumerate(lines, 1):
         try:
@@ -80,14 +77,14 @@ def read_results(path: Path) -> Results:
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             if isinstance(error, json.JSONDecodeError) and number == len(lines) and records:
                 continue
-            raise ResultsFileError(f'{path}: line {number} is not a result: {type(error).__name__}: {error}') from error
+            raise ResultsError(f'{path}: line {number} is not a result: {type(error).__name__}: {error}') from error
     if not records:
-        raise ResultsFileError(f'{path}: is empty')
+        raise ResultsError(f'{path}: is empty')
     header, *rows = records
     found = {id_of(row): row for row in rows}
     wanted = dict.fromkeys(Results(header, []).wanted)
     if strange := [str(route) for route in found if route not in wanted]:
-        raise ResultsFileError(f'{path}: holds {strange[0]}, which is not among the routes that its header lists')
+        raise ResultsError(f'{path}: holds {strange[0]}, which is not among the routes that its header lists')
     return Results(header, [found[route] for route in wanted if route in found])
 
 
@@ -205,17 +202,17 @@ def compare(a: Results, b: Results) -> dict[str, Any]:
     """Is A better than B on the routes that both were to drive? Per score: the paired difference A - B as an
     estimate, the p-value of a sign-flip permutation test, and a verdict yes, no or undecided.
 
-    Raises ResultsFileError when suite or version differ, or no route is common.
+    Raises ResultsError when suite or version differ, or no route is common.
     """
     for name in ('suite', 'version'):
         if a.header[name] != b.header[name]:
-            raise ResultsFileError(
+            raise ResultsError(
                 f'{a.driver} has {name} {a.header[name]!r} and {b.driver} {b.header[name]!r}: not comparable'
             )
     rows_a, rows_b = a.by_id(), b.by_id()
     common = [route for route in rows_a if route in rows_b]
     if not common:
-        raise ResultsFileError(f'{a.driver} and {b.driver} have no route in common')
+        raise ResultsError(f'{a.driver} and {b.driver} have no route in common')
     found: dict[str, Any] = {'common': len(common), 'not_common': len(set(rows_a) ^ set(rows_b))}
     for name in ('driving_score', 'success_rate'):
         value = SCORES[name]

@@ -13,14 +13,15 @@ from pathlib import Path
 
 import numpy as np
 
+from raw2drive_ros.errors import UnfairScenarioError, UnknownScenarioError, UnknownSuiteError
 from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.expert import Plan, follow, hits
+from raw2drive_ros.settings import params_folder
 from raw2drive_ros.simulation.actors import StandingObject, boxes_overlap, corners_m
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.scenario import UnknownScenarioError, get_scenario, load_scenarios, rng_for
+from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios, rng_for
 from raw2drive_ros.simulation.weather import WEATHER_NAMES
 from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
-from raw2drive_ros.world_model.config import preset_folder
 
 VALIDATION_SEED_START = 50_000
 REHEARSAL_S = 20.0
@@ -40,14 +41,6 @@ DEV10 = (
     'SequentialLaneChange',
     'SignalizedJunctionLeftTurnEnterFlow',
 )
-
-
-class UnknownSuiteError(ValueError):
-    """No suite of that name; the message lists the known ones."""
-
-
-class UnfairScenarioError(RuntimeError):
-    """Hardly any draw of a scenario type is fair: the type needs mending."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +76,7 @@ def suite_plans() -> dict[str, SuitePlan]:
 
 
 def suite_folder() -> Path:
-    return preset_folder() / 'suites'
+    return params_folder() / 'suites'
 
 
 def load_suite(name: str) -> Suite:

@@ -12,7 +12,8 @@ from raw2drive_ros import topics
 from raw2drive_ros.contract import Control, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.driver import RawDriver
-from raw2drive_ros.recording.bag_reader import BagError, decoded, messages_in, open_bag, read_ticks
+from raw2drive_ros.errors import BagError
+from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag, read_ticks
 
 FIELDS = ('throttle', 'brake', 'steer', 'reverse')
 

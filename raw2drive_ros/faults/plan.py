@@ -10,7 +10,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from raw2drive_ros import topics
-from raw2drive_ros.world_model.config import ConfigError, Strict, load_strict, preset_folder
+from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.settings import Strict, load_strict, params_folder
 
 Kind = Literal[
     'drop',
@@ -105,7 +106,7 @@ def load_plans(name: str) -> FaultPlans:
     """A YAML file, or the name of one in `params/faults`. Raises ConfigError that names the field."""
     path = Path(name)
     if path.suffix != '.yaml':
-        folder = preset_folder() / 'faults'
+        folder = params_folder() / 'faults'
         path = folder / f'{name}.yaml'
         if not path.is_file():
             known = ', '.join(sorted(p.stem for p in folder.glob('*.yaml')))

@@ -23,6 +23,7 @@ from msg_adapters.diagnostics import OK, WARN
 from msg_adapters.factory import RclpyFactory
 from raw2drive_ros import topics
 from raw2drive_ros.contract import Decision
+from raw2drive_ros.errors import NodeError, UnknownScenarioError, UnknownWeatherError
 from raw2drive_ros.evaluation.drivers import EpisodeDriver, make_driver
 from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
 from raw2drive_ros.evaluation.evaluate import timing_of
@@ -30,12 +31,12 @@ from raw2drive_ros.nodes.command_wait import CommandWait
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher
-from raw2drive_ros.nodes.runtime import NodeError, run_node
+from raw2drive_ros.nodes.runtime import run_node
 from raw2drive_ros.recording.tick_messages import TickMessages
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.scenario import UnknownScenarioError, get_scenario
-from raw2drive_ros.simulation.weather import CLEAR, UnknownWeatherError, get_weather
+from raw2drive_ros.simulation.scenario import get_scenario
+from raw2drive_ros.simulation.weather import CLEAR, get_weather
 from raw2drive_ros.timing import load_timing
 
 

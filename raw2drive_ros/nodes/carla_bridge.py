@@ -20,8 +20,8 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
-from raw2drive_ros.paths import default_bundle
 from raw2drive_ros.recording.tick_messages import IMU_X_M, TickMessages
+from raw2drive_ros.settings import default_bundle
 
 DEFAULTS = CarlaSettings(imu_x_m=IMU_X_M)
 

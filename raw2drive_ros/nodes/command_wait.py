@@ -11,8 +11,9 @@ from rclpy.node import Node
 
 from msg_adapters.commands import decision_from_message
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError, Control
+from raw2drive_ros.contract import Control
 from raw2drive_ros.driving.command_policy import CommandPolicy
+from raw2drive_ros.errors import ContractError
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription
 from raw2drive_ros.timing import load_timing
 

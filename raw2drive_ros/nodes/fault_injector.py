@@ -14,12 +14,13 @@ from rclpy.publisher import Publisher
 
 from msg_adapters.diagnostics import OK, WARN
 from raw2drive_ros import topics
+from raw2drive_ros.errors import NodeError
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import behind_injector, load_plans, touched_topics
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class, profile_of
-from raw2drive_ros.nodes.runtime import NodeError, run_node, steady_clock
+from raw2drive_ros.nodes.runtime import run_node, steady_clock
 
 DELIVER_HZ = 200.0
 

@@ -14,10 +14,11 @@ from std_srvs.srv import SetBool, Trigger
 
 from msg_adapters.factory import RclpyFactory
 from raw2drive_ros import topics
+from raw2drive_ros.errors import BagError, NodeError
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import make_publisher
-from raw2drive_ros.nodes.runtime import NodeError, run_node
-from raw2drive_ros.recording.bag_reader import BagError, begin_ns, messages_in, open_bag
+from raw2drive_ros.nodes.runtime import run_node
+from raw2drive_ros.recording.bag_reader import begin_ns, messages_in, open_bag
 
 SEEK, END, ENDED = 'seek', 'end', 'interrupted'
 POLL_S = 0.05

@@ -15,12 +15,12 @@ from std_srvs.srv import Trigger
 
 from msg_adapters.diagnostics import ERROR, OK, WARN, diagnostics_from_message
 from raw2drive_ros import topics
+from raw2drive_ros.errors import BagExistsError, DiskFullError, NodeError
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class
-from raw2drive_ros.nodes.runtime import NodeError, StopRequest, run_node, spin, steady_clock
+from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_clock
 from raw2drive_ros.recording.bag_reader import partial_folder
-from raw2drive_ros.recording.bag_writer import BagExistsError, DiskFullError
 from raw2drive_ros.recording.recording import Recording, RingBuffer
 
 DEPTH = 200

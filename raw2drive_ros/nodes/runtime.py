@@ -15,11 +15,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from raw2drive_ros.errors import UserError
 from raw2drive_ros.nodes.transport import configure_transport, end_with_parent, warn
-
-
-class NodeError(RuntimeError):
-    """A node cannot do its work; one line says why and what to do."""
 
 
 class StopRequest:
@@ -78,7 +75,7 @@ def run_node(make: Callable[[], Any], args: list[str] | None = None) -> int:
             spin(node, executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except (NodeError, OSError, RuntimeError, ValueError) as error:
+    except (UserError, OSError, RuntimeError, ValueError) as error:
         if rclpy.ok():
             print(f'error: {error}', file=sys.stderr)
             code = 1

@@ -16,8 +16,9 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
 
+from raw2drive_ros.errors import NodeError
 from raw2drive_ros.nodes.parameters import declare
-from raw2drive_ros.nodes.runtime import NodeError, run_node
+from raw2drive_ros.nodes.runtime import run_node
 
 TYPES = {
     'std_srvs/srv/Trigger': Trigger,

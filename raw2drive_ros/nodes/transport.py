@@ -11,7 +11,7 @@ import signal
 import sys
 from pathlib import Path
 
-from raw2drive_ros.world_model.config import preset_folder
+from raw2drive_ros.settings import params_folder
 
 PROFILE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 OTHER_PROFILE_VARIABLE = 'FASTDDS_DEFAULT_PROFILES_FILE'
@@ -21,7 +21,7 @@ PR_SET_PDEATHSIG = 1
 
 
 def shipped_profile() -> Path:
-    return preset_folder() / 'fastdds.xml'
+    return params_folder() / 'fastdds.xml'
 
 
 def profile_in_force() -> str | None:

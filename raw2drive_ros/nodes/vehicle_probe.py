@@ -31,20 +31,17 @@ from raw2drive_ros import topics
 from raw2drive_ros.conformance.active import BRAKE, PROGRAMME, Step, ends_standing, judge_trials, stands
 from raw2drive_ros.conformance.observation import Observation, TopicSeen, Trial, Verdict
 from raw2drive_ros.conformance.passive import expected, judge
-from raw2drive_ros.contract import ContractError, Control, Decision
-from raw2drive_ros.driving.bundle import BundleError, load_bundle
+from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.driving.bundle import load_bundle
+from raw2drive_ros.errors import BundleError, ContractError, NodeError, UnsafeError
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import make_publisher, message_class
-from raw2drive_ros.nodes.runtime import NodeError, StopRequest, run_node
+from raw2drive_ros.nodes.runtime import StopRequest, run_node
 from raw2drive_ros.timing import load_timing
 
 # Discovery takes a fraction of a second as a rule; on a busy machine it has taken more than the first of these.
 LOOK_S, LOOK_LONGER_S = 2.0, 6.0
 BRAKE_AT_END_S = 5.0
-
-
-class UnsafeError(RuntimeError):
-    """The car must not be moved on; the message says why."""
 
 
 class VehicleProbeNode(Node):

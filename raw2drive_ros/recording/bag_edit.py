@@ -16,8 +16,9 @@ from typing import Any
 from rosbags.rosbag2 import Reader
 
 from raw2drive_ros import topics
+from raw2drive_ros.errors import BagError
 from raw2drive_ros.recording.bag_info import provenance_of
-from raw2drive_ros.recording.bag_reader import BagError, begin_ns, messages_in, open_bag, said_once
+from raw2drive_ros.recording.bag_reader import begin_ns, messages_in, open_bag, said_once
 from raw2drive_ros.recording.bag_writer import BagWriter
 
 # No wall clock shows a time so near 1970, ten years, and no simulation runs so long.

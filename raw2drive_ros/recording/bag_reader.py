@@ -23,12 +23,8 @@ from msg_adapters.sensors import (
 from msg_adapters.stamps import stamp_ns
 from raw2drive_ros import topics
 from raw2drive_ros.contract import CameraCalibration, Image8, ImuSample, OdometrySample, Route
+from raw2drive_ros.errors import BagError
 from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
-
-
-class BagError(RuntimeError):
-    """A bag cannot be used; the message says which, why, and what to do."""
-
 
 # Of a bag, and what may be given in its folder's place.
 BAG_FILES = ('.mcap', '.db3', '.yaml')

@@ -25,19 +25,12 @@ from rosbags.typesys import get_types_from_msg
 
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import __version__, topics
+from raw2drive_ros.errors import BagExistsError, DiskFullError
 from raw2drive_ros.recording.bag_reader import partial_folder
 
 MIN_FREE_BYTES = 500_000_000
 CHECK_SPACE_EVERY_BYTES = 50_000_000
 PROVENANCE = 'provenance.json'
-
-
-class DiskFullError(OSError):
-    """Less than the stated space is left on the disk."""
-
-
-class BagExistsError(FileExistsError):
-    """The target bag exists already, or what a killed recorder left of it; neither is ever overwritten."""
 
 
 def _holds_messages(file: Path) -> bool:

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import topics
-from raw2drive_ros.contract import CameraCalibration, ContractError
+from raw2drive_ros.contract import CameraCalibration
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
+from raw2drive_ros.errors import BagError, ContractError
 from raw2drive_ros.privileged_contract import EGO_FIELDS
 from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import (
-    BagError,
     camera_topics,
     open_bag,
     read_advice,

@@ -10,8 +10,8 @@ from msg_adapters.diagnostics import diagnostics_from_message
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import transition_from_message
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError
-from raw2drive_ros.recording.bag_reader import BagError, begin_ns, decoded, messages_in, open_bag
+from raw2drive_ros.errors import BagError, ContractError
+from raw2drive_ros.recording.bag_reader import begin_ns, decoded, messages_in, open_bag
 
 LEVELS = ('ok', 'warning', 'error', 'stale')
 FIGURES = re.compile(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?')

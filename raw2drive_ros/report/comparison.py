@@ -10,10 +10,10 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader
 
 from raw2drive_ros import __version__
+from raw2drive_ros.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import ABILITIES
 from raw2drive_ros.evaluation.statistics import (
     Results,
-    ResultsFileError,
     by_ability,
     by_type,
     compare,
@@ -33,14 +33,14 @@ VERDICT_WORDS = {'yes': 'better', 'no': 'worse', 'undecided': 'undecided'}
 
 
 def read_all(paths: Sequence[Path]) -> list[Results]:
-    """Raises ResultsFileError, also when the files are of different suites."""
+    """Raises ResultsError, also when the files are of different suites."""
     if not 1 <= len(paths) <= MAX_RUNS:
-        raise ResultsFileError(f'{len(paths)} files of results: give 1 to {MAX_RUNS}')
+        raise ResultsError(f'{len(paths)} files of results: give 1 to {MAX_RUNS}')
     return [read_results(path) for path in paths]
 
 
 def statistics_of(paths: Sequence[Path], runs: Sequence[Results]) -> dict[str, Any]:
-    """The page's numbers in a form for machines; runs are called A, B, ... Raises ResultsFileError."""
+    """The page's numbers in a form for machines; runs are called A, B, ... Raises ResultsError."""
     letters = [chr(ord('A') + i) for i in range(len(runs))]
     return {
         'suite': runs[0].header['suite'],
@@ -68,7 +68,7 @@ def statistics_of(paths: Sequence[Path], runs: Sequence[Results]) -> dict[str, A
 
 
 def write_comparison(target: Path, paths: Sequence[Path], max_strips: int = DEFAULT_STRIPS) -> Path:
-    """One self-contained HTML file. Raises ResultsFileError, OSError."""
+    """One self-contained HTML file. Raises ResultsError, OSError."""
     runs = read_all(paths)
     numbers = statistics_of(paths, runs)
     titles = [name for name in (*ABILITIES, 'mean') if any(name in run['abilities'] for run in numbers['runs'])]

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from raw2drive_ros.contract import Float64
+from raw2drive_ros.errors import CheckpointError
 from raw2drive_ros.evaluation.statistics import read_results
 from raw2drive_ros.report.charts import MAX_RUNS, PALETTE
-from raw2drive_ros.training.checkpoint import CheckpointError
 from raw2drive_ros.training.pictures import DREAM_TICKS
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class Panel:
 def read_run(run: Path, name: str | None = None) -> RunCurves:
     """The metrics and validations of a run folder, also of one that is being trained: a torn last line is left out.
 
-    Raises CheckpointError, and ResultsFileError for a damaged validation.
+    Raises CheckpointError, and ResultsError for a damaged validation.
     """
     found = _read_metrics(run / 'metrics.jsonl')
     metrics = {key: (np.array(list(points), float), np.array(list(points.values()))) for key, points in found.items()}
@@ -127,7 +127,7 @@ def _read_round(file: Path) -> Round:
 def read_runs(paths: Sequence[Path]) -> list[RunCurves]:
     """Named by their folders, and by the folder above where two are called the same.
 
-    Raises CheckpointError or ResultsFileError.
+    Raises CheckpointError or ResultsError.
     """
     if not 1 <= len(paths) <= MAX_RUNS:
         raise CheckpointError(f'{len(paths)} runs: give 1 to {MAX_RUNS}')

@@ -15,9 +15,10 @@ import torch
 from torch import Tensor
 
 from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.recording.bag_reader import BagError, BagTick, open_bag, read_ticks
+from raw2drive_ros.bev_colours import colour_masks
+from raw2drive_ros.errors import BagError
+from raw2drive_ros.recording.bag_reader import BagTick, open_bag, read_ticks
 from raw2drive_ros.recording.masks import MaskCodec
-from raw2drive_ros.report.colours import colour_masks
 from raw2drive_ros.report.panels import FRAME, Rgb, canvas_of, mp4, put, text
 from raw2drive_ros.simulation.world import DECISION_HZ
 from raw2drive_ros.training.privileged import PrivilegedTrainer

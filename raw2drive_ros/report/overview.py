@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from raw2drive_ros.bev_colours import COLOURS
 from raw2drive_ros.contract import Float64
-from raw2drive_ros.report.colours import COLOURS
 from raw2drive_ros.report.panels import Rgb, text
 from raw2drive_ros.simulation.actors import Actor, PathVehicle, Walker, corners_m
 from raw2drive_ros.simulation.bev import CLASS_OF

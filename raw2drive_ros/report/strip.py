@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from raw2drive_ros.bev_channels import CHANNELS, SIZE_PX
-from raw2drive_ros.report.colours import colour_masks
+from raw2drive_ros.bev_colours import colour_masks
 from raw2drive_ros.report.panels import Rgb, text
 from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick

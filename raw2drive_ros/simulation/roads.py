@@ -13,6 +13,7 @@ import numpy as np
 from highway_env.road.road import RoadNetwork
 
 from raw2drive_ros.contract import Float64
+from raw2drive_ros.errors import LayoutError
 from raw2drive_ros.simulation.lanes import ArcLane
 from raw2drive_ros.simulation.layout import (
     ARM_LENGTH_M,
@@ -27,10 +28,6 @@ from raw2drive_ros.simulation.path import Path
 ARM_TURN_RAD = {'left': math.pi / 2, 'ahead': 0.0, 'right': -math.pi / 2}
 Pose = tuple[float, float, float]
 Edge = tuple[str, str]
-
-
-class LayoutError(ValueError):
-    """The pieces run into one another."""
 
 
 @dataclass(frozen=True, slots=True)

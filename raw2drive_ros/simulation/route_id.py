@@ -5,14 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from raw2drive_ros.errors import RouteIdError
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 
 # Not `isdigit`, which takes a superscript two; and no more than a ROS parameter holds.
 NUMBER = re.compile(r'[0-9]{1,18}')
-
-
-class RouteIdError(ValueError):
-    """Text that names no route."""
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from raw2drive_ros.errors import UnknownScenarioError
 from raw2drive_ros.simulation.layout import RoadLayout
 from raw2drive_ros.simulation.scripts import Pacing, Script
 
@@ -23,13 +24,6 @@ if TYPE_CHECKING:
 
 Rng = np.random.Generator
 DRAW_ATTEMPTS = 50
-
-
-class UnknownScenarioError(KeyError):
-    """No scenario of that name; the message lists the known ones."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,14 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from raw2drive_ros.contract import Float64
+from raw2drive_ros.errors import UnknownWeatherError
 
 # Reach and half width of the ego's head lights.
 BEAM_M, BEAM_SPREAD = 24.0, 0.5
 LAMPS_AHEAD_M = 2.0
-
-
-class UnknownWeatherError(ValueError):
-    """No weather of that name; the message lists the known ones."""
 
 
 @dataclass(frozen=True, slots=True)

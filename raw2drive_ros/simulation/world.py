@@ -9,12 +9,13 @@ from collections import deque
 import numpy as np
 
 from raw2drive_ros.contract import Control, Float64
+from raw2drive_ros.errors import LayoutError
 from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, twin_of
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.leaders import find_leaders
 from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
-from raw2drive_ros.simulation.roads import ARM_TURN_RAD, LayoutError, RoadMap, build_road
+from raw2drive_ros.simulation.roads import ARM_TURN_RAD, RoadMap, build_road
 from raw2drive_ros.simulation.scenario import (
     DRAW_ATTEMPTS,
     ActorSpec,

@@ -11,16 +11,13 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
+from raw2drive_ros.errors import CheckpointError
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
 
 Trainer = PrivilegedTrainer | RawTrainer
 KEEP = 2
-
-
-class CheckpointError(RuntimeError):
-    """A checkpoint is missing, damaged, or belongs to another configuration."""
 
 
 def _tensors(trainer: Trainer) -> dict[str, Tensor]:

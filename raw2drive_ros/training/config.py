@@ -8,7 +8,9 @@ import torch
 from pydantic import Field, ValidationError, model_validator
 from torch import Tensor
 
-from raw2drive_ros.world_model.config import ConfigError, ModelConfig, Strict, load_preset
+from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.settings import Strict, load_preset
+from raw2drive_ros.world_model.config import ModelConfig
 
 
 class TrainConfig(Strict):

@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 
 from raw2drive_ros.driving.bundle import save_bundle
+from raw2drive_ros.errors import CheckpointError
 from raw2drive_ros.recording.dataset import rig_of
-from raw2drive_ros.training.checkpoint import CheckpointError, load_weights, newest_checkpoint
+from raw2drive_ros.training.checkpoint import load_weights, newest_checkpoint
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.teacher import load_teacher, read_run_config
 

@@ -7,11 +7,8 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 
+from raw2drive_ros.errors import NonFiniteError
 from raw2drive_ros.training.parallel import ALONE, Ranks
-
-
-class NonFiniteError(FloatingPointError):
-    """A loss or gradient became NaN or infinite; the weights are still those of the last good step."""
 
 
 def decay_factor(step: int, total: int, share: float, end: float) -> float:

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import torch
 
+from raw2drive_ros.bev_colours import colour_masks
 from raw2drive_ros.recording.masks import MaskCodec
-from raw2drive_ros.report.colours import colour_masks
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Batch

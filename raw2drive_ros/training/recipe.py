@@ -8,7 +8,8 @@ from typing import Any
 
 from pydantic import Field
 
-from raw2drive_ros.world_model.config import ConfigError, Strict, load_strict, preset_folder
+from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.settings import Strict, load_strict, params_folder
 
 SEEDS_PER_ROUND, ROUNDS_PER_RUN = 10, 100
 
@@ -97,7 +98,7 @@ def load_recipe(name: str) -> Recipe:
     """A YAML file, or the name of one in `params/recipes`. Raises ConfigError that names the field."""
     path = Path(name)
     if path.suffix != '.yaml':
-        folder = preset_folder() / 'recipes'
+        folder = params_folder() / 'recipes'
         path = folder / f'{name}.yaml'
         if not path.is_file():
             known = ', '.join(sorted(p.stem for p in folder.glob('*.yaml')))

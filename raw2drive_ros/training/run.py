@@ -15,16 +15,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from raw2drive_ros.errors import CheckpointError
 from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.recording.dataset import BagArrays, load_bags, rig_of
 from raw2drive_ros.recording.masks import MaskCodec
-from raw2drive_ros.training.checkpoint import (
-    CheckpointError,
-    Trainer,
-    load_checkpoint,
-    newest_checkpoint,
-    save_checkpoint,
-)
+from raw2drive_ros.training.checkpoint import Trainer, load_checkpoint, newest_checkpoint, save_checkpoint
 from raw2drive_ros.training.config import RunConfig, make_config, overridden
 from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.parallel import ALONE, Ranks

@@ -20,7 +20,8 @@ from safetensors.torch import load_file, save_file
 
 from raw2drive_ros import __version__
 from raw2drive_ros.actions import table_hash
-from raw2drive_ros.training.checkpoint import CheckpointError, load_weights, newest_checkpoint
+from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.training.checkpoint import load_weights, newest_checkpoint
 from raw2drive_ros.training.config import RunConfig
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 

@@ -1,24 +1,13 @@
-"""Sizes of the networks, read from `params/presets/*.yaml`; unknown keys are errors."""
+"""Sizes of the networks: the `model` part of `params/presets/*.yaml`."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from raw2drive_ros.bev_channels import CHANNELS
-
-
-class ConfigError(ValueError):
-    """A configuration file is missing or wrong; the message says which and what."""
-
-
-class Strict(BaseModel):
-    """Frozen, and every key must be known."""
-
-    model_config = ConfigDict(frozen=True, extra='forbid')
+from raw2drive_ros.settings import Strict
 
 
 class ModelConfig(Strict):
@@ -76,62 +65,3 @@ class ModelConfig(Strict):
     @property
     def feature_size(self) -> int:
         return self.deter + self.stoch_size
-
-
-def preset_folder() -> Path:
-    """`params/` of the source tree, or of the installed package's share folder."""
-    source = Path(__file__).resolve().parents[2] / 'params'
-    if source.is_dir():
-        return source
-    import sys
-
-    return Path(sys.prefix) / 'share' / 'raw2drive_ros' / 'params'
-
-
-def load_yaml(path: Path) -> dict[str, Any]:
-    """A YAML mapping. Raises ConfigError with the path and the reason."""
-    try:
-        loaded = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ConfigError(f'cannot read {path}: {error.strerror}') from error
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        # Not text at all, dates that are none, keys that cannot be keys, brackets without end.
-        raise ConfigError(f'{path} is not valid YAML: {error}') from error
-    if not isinstance(loaded, dict):
-        raise ConfigError(f'{path}: expected a mapping')
-    return loaded
-
-
-Model = TypeVar('Model', bound=BaseModel)
-
-
-def load_strict(kind: type[Model], path: Path) -> Model:
-    """A YAML file as `kind`. Raises ConfigError that names the file and the field."""
-    try:
-        return kind(**load_yaml(path))
-    except (ValidationError, TypeError) as error:
-        if isinstance(error, TypeError):
-            raise ConfigError(f'{path}: keys must be words') from error
-        raise ConfigError(f'{path}: {_problems(error)}') from error
-
-
-def _problems(error: ValidationError) -> str:
-    """All in one line, keys that nobody knows first: a mistyped one is the cause of a missing one."""
-    found = [(each['type'], '.'.join(str(part) for part in each['loc']), each['msg']) for each in error.errors()]
-    unknown = [where for kind, where, _ in found if kind == 'extra_forbidden']
-    missing = [where for kind, where, _ in found if kind == 'missing']
-    said = [f'{", ".join(unknown)}: no such key'] if unknown else []
-    said += [f'{where}: {text}' for kind, where, text in found if kind not in ('extra_forbidden', 'missing')]
-    if missing:
-        said.append(f'missing: {", ".join(missing)}')
-    return '; '.join(said)
-
-
-def load_preset(name: str) -> dict[str, Any]:
-    """The mapping of `params/presets/<name>.yaml`."""
-    folder = preset_folder() / 'presets'
-    path = folder / f'{name}.yaml'
-    if not path.is_file():
-        known = ', '.join(sorted(p.stem for p in folder.glob('*.yaml')))
-        raise ConfigError(f'unknown preset {name!r}; known: {known}')
-    return load_yaml(path)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from raw2drive_ros.cli.graph import reserve_domain, running_graph
-from raw2drive_ros.paths import default_bundle
+from raw2drive_ros.settings import default_bundle
 
 pytest.importorskip('carla', reason='extra carla')
 BRIDGE = [sys.executable, str(Path(__file__).with_name('stand_in_bridge.py')), '--ros-args', '-p']

@@ -5,7 +5,8 @@ import threading
 
 import pytest
 
-from raw2drive_ros.carla_vehicle.collector import FrameCollector, SensorTimeoutError
+from raw2drive_ros.carla_vehicle.collector import FrameCollector
+from raw2drive_ros.errors import SensorTimeoutError
 
 NAMES = ('imu', 'front', 'back')
 

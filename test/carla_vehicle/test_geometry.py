@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raw2drive_ros.carla_vehicle import geometry
-from raw2drive_ros.contract import ContractError, Control
+from raw2drive_ros.contract import Control
+from raw2drive_ros.errors import ContractError
 from raw2drive_ros.simulation.camera_rig import camera_rig
 
 carla = pytest.importorskip('carla', reason='extra carla')

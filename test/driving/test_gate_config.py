@@ -8,9 +8,10 @@ import yaml
 from raw2drive_ros.driving.gate import GateLimits
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.driving.gate_limits import MotionLimits
+from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.settings import params_folder
 from raw2drive_ros.simulation.ego import EgoParameters
 from raw2drive_ros.timing import load_timing
-from raw2drive_ros.world_model.config import ConfigError, preset_folder
 
 
 def test_shipped_stops_are_the_defaults_and_the_car_is_the_simulated_one() -> None:
@@ -24,7 +25,7 @@ def test_shipped_stops_are_the_defaults_and_the_car_is_the_simulated_one() -> No
 
 
 def test_the_example_car_has_its_own_figures_and_limits_that_bite() -> None:
-    folder = preset_folder().parent / 'examples' / 'vehicle_interface'
+    folder = params_folder().parent / 'examples' / 'vehicle_interface'
     motion = load_gate_config(folder / 'gate.yaml').motion_limits()
     car = yaml.safe_load((folder / 'toy_vehicle.yaml').read_text())['vehicle']
     assert motion.wheelbase_m == car['wheelbase_m']
@@ -48,7 +49,7 @@ def test_the_example_car_has_its_own_figures_and_limits_that_bite() -> None:
     ],
 )
 def test_a_wrong_value_is_named(tmp_path, section, field, value, message) -> None:
-    found = yaml.safe_load((preset_folder() / 'gate.yaml').read_text())
+    found = yaml.safe_load((params_folder() / 'gate.yaml').read_text())
     found[section][field] = value
     path = tmp_path / 'gate.yaml'
     path.write_text(yaml.safe_dump(found))

@@ -6,8 +6,8 @@ import pytest
 from raw2drive_ros.contract import ImuSample, OdometrySample, SensorFrame
 from raw2drive_ros.driving.monitor_config import load_monitor_config
 from raw2drive_ros.driving.sensor_monitor import Health, MonitorLimits, SensorMonitor
+from raw2drive_ros.errors import ConfigError
 from raw2drive_ros.timing import load_timing
-from raw2drive_ros.world_model.config import ConfigError
 
 CAMERAS = ('front', 'back')
 TICK_NS = 100_000_000

@@ -3,9 +3,10 @@ import shutil
 import numpy as np
 import pytest
 
-from raw2drive_ros.evaluation.drivers import UnknownDriverError, make_driver
+from raw2drive_ros.errors import ResultsError, UnknownDriverError, UnknownScenarioError
+from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
-from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, ResultsError, evaluate, strip_path
+from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate, strip_path
 from raw2drive_ros.evaluation.metrics import (
     bootstrap,
     efficiency_percent,
@@ -16,7 +17,6 @@ from raw2drive_ros.evaluation.metrics import (
 from raw2drive_ros.evaluation.routes import routes_of
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.scenario import UnknownScenarioError
 
 X = RouteId('VanillaNonSignalizedTurn', 0)
 

@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.evaluation.soak import (
-    Sample,
-    SoakError,
-    append_sample,
-    drop_half_line,
-    read_samples,
-    theil_sen,
-    totals,
-    trends,
-)
+from raw2drive_ros.errors import SoakError
+from raw2drive_ros.evaluation.soak import Sample, append_sample, drop_half_line, read_samples, theil_sen, totals, trends
 
 
 def samples(part: int, hours: float, **values) -> list[Sample]:

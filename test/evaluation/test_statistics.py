@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from raw2drive_ros.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import bootstrap
 from raw2drive_ros.evaluation.statistics import (
     Results,
-    ResultsFileError,
     by_ability,
     by_type,
     compare,
@@ -127,9 +127,9 @@ def test_routes_of_one_side_only_are_counted_and_a_missing_row_is_zero() -> None
 
 def test_unlike_runs_are_not_compared() -> None:
     one = results([row('Accident', 0, 1.0)])
-    with pytest.raises(ResultsFileError, match='version'):
+    with pytest.raises(ResultsError, match='version'):
         compare(one, results([row('Accident', 0, 1.0)], version='2'))
-    with pytest.raises(ResultsFileError, match='no route in common'):
+    with pytest.raises(ResultsError, match='no route in common'):
         compare(one, results([row('Accident', 1, 1.0)]))
 
 
@@ -165,7 +165,7 @@ def test_anything_else_is_a_clear_error(tmp_path, text, message) -> None:
         text = text.replace(name, json.dumps(body))
     path = tmp_path / 'x.jsonl'
     path.write_text(text)
-    with pytest.raises(ResultsFileError, match=message):
+    with pytest.raises(ResultsError, match=message):
         read_results(path)
-    with pytest.raises(ResultsFileError, match='cannot be read'):
+    with pytest.raises(ResultsError, match='cannot be read'):
         read_results(tmp_path / 'none')

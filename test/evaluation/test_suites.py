@@ -2,13 +2,12 @@
 
 import pytest
 
+from raw2drive_ros.errors import UnfairScenarioError, UnknownSuiteError
 from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.suites import (
     DEV10,
     VALIDATION_SEED_START,
     SuitePlan,
-    UnfairScenarioError,
-    UnknownSuiteError,
     benchmark_types,
     draw_suite,
     is_fair,

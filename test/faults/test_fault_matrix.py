@@ -12,7 +12,7 @@ from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.faulty_drive import drive_with_faults
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import load_plans
-from raw2drive_ros.paths import default_bundle
+from raw2drive_ros.settings import default_bundle
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.timing import load_timing

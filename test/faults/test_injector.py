@@ -17,10 +17,10 @@ from msg_adapters.sensors import (
 )
 from msg_adapters.stamps import stamp_ns
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError, Control, Decision, ImuSample, OdometrySample
+from raw2drive_ros.contract import Control, Decision, ImuSample, OdometrySample
+from raw2drive_ros.errors import ConfigError, ContractError
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import Fault, load_plans
-from raw2drive_ros.world_model.config import ConfigError
 
 FACTORY = RosbagsFactory()
 FRONT = topics.image_topic('front')

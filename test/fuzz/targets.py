@@ -22,27 +22,36 @@ from msg_adapters.compressed import compressed_image_to_message, image_from_comp
 from msg_adapters.diagnostics import diagnostics_from_message
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import topics
-from raw2drive_ros.contract import ContractError, Control, Decision, ImuSample, OdometrySample, Route
-from raw2drive_ros.driving.bundle import BundleError, load_bundle
+from raw2drive_ros.contract import Control, Decision, ImuSample, OdometrySample, Route
+from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.driving.monitor_config import load_monitor_config
-from raw2drive_ros.evaluation.soak import SoakError, read_samples
-from raw2drive_ros.evaluation.statistics import ResultsFileError, read_results
-from raw2drive_ros.evaluation.suites import UnknownSuiteError, load_suite
+from raw2drive_ros.errors import (
+    BagError,
+    BundleError,
+    ConfigError,
+    ContractError,
+    ResultsError,
+    RouteIdError,
+    SoakError,
+    UnknownScenarioError,
+    UnknownSuiteError,
+    UnknownWeatherError,
+)
+from raw2drive_ros.evaluation.soak import read_samples
+from raw2drive_ros.evaluation.statistics import read_results
+from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.faults.plan import load_plans
-from raw2drive_ros.paths import default_bundle
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import BagError, open_bag, read_calibrations, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag, read_calibrations, read_ticks
 from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.events import events_of
 from raw2drive_ros.recording.recover import recover
-from raw2drive_ros.simulation.route_id import RouteId, RouteIdError
-from raw2drive_ros.simulation.scenario import UnknownScenarioError
-from raw2drive_ros.simulation.weather import UnknownWeatherError
+from raw2drive_ros.settings import default_bundle, params_folder
+from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.timing import load_timing
 from raw2drive_ros.training.recipe import load_recipe
-from raw2drive_ros.world_model.config import ConfigError, preset_folder
 
 FACTORY = RosbagsFactory()
 READERS: dict[str, Callable[[Any], Any]] = {
@@ -207,7 +216,7 @@ def _parameters(data: bytes) -> None:
 
 def _parameter_files() -> list[bytes]:
     names = ('gate.yaml', 'monitor.yaml', 'timing.yaml', 'faults/matrix.yaml', 'recipes/teacher.yaml')
-    return [bytes([n]) + (preset_folder() / name).read_bytes() for n, name in enumerate(names)]
+    return [bytes([n]) + (params_folder() / name).read_bytes() for n, name in enumerate(names)]
 
 
 def _bundle(data: bytes) -> None:
@@ -242,11 +251,11 @@ TARGETS = {
         (RouteIdError, UnknownWeatherError, UnknownScenarioError),
         lambda: [b'Accident/1', b'T_Junction/2/FogNoon/3'],
     ),
-    'results': Target(_file('r.jsonl', read_results), (ResultsFileError,), lambda: [HEADER]),
+    'results': Target(_file('r.jsonl', read_results), (ResultsError,), lambda: [HEADER]),
     'samples': Target(_file('s.jsonl', read_samples), (SoakError,), lambda: [SAMPLE]),
     'suite': Target(
         _file('s.json', lambda path: load_suite(str(path))),
         (UnknownSuiteError,),
-        lambda: [(preset_folder() / 'suites' / 'dev10.json').read_bytes()],
+        lambda: [(params_folder() / 'suites' / 'dev10.json').read_bytes()],
     ),
 }

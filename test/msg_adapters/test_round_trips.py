@@ -11,7 +11,8 @@ from msg_adapters.factory import RclpyFactory, RosbagsFactory
 from msg_adapters.stamps import set_stamp, stamp_ns
 from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.bev_channels import CHANNEL_COUNT
-from raw2drive_ros.contract import ContractError, Control, Decision, ImuSample, OdometrySample, Route
+from raw2drive_ros.contract import Control, Decision, ImuSample, OdometrySample, Route
+from raw2drive_ros.errors import ContractError
 from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
 from raw2drive_ros.simulation.camera_rig import camera_rig
 

@@ -11,16 +11,17 @@ from pathlib import Path
 import pytest
 
 from raw2drive_ros import topics
-from raw2drive_ros.cli.graph import DomainBusyError, GraphError, reserve_domain, running_graph
+from raw2drive_ros.cli.graph import reserve_domain, running_graph
 from raw2drive_ros.cli.graph_drive import GraphJob, drive_graph, evaluate_graph
+from raw2drive_ros.errors import DomainBusyError, GraphError
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate
 from raw2drive_ros.evaluation.verify import recorded_proposals, verify_bag
-from raw2drive_ros.paths import default_bundle
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag, read_ticks
 from raw2drive_ros.recording.events import events_of
+from raw2drive_ros.settings import default_bundle
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
 

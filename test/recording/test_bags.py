@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from raw2drive_ros import topics
+from raw2drive_ros.errors import BagError, BagExistsError, DiskFullError
 from raw2drive_ros.evaluation.verify import recorded_proposals
 from raw2drive_ros.recording import bag_writer
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import BagError, find_bags, open_bag, read_ticks
-from raw2drive_ros.recording.bag_writer import BagExistsError, BagWriter, DiskFullError
+from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_ticks
+from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.dataset import FIRST, load_bag
 from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig

@@ -21,12 +21,13 @@ from msg_adapters.sensors import odometry_to_message, route_to_message
 from raw2drive_ros import topics
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.contract import Control, Decision, OdometrySample, Route
+from raw2drive_ros.errors import BagError, BagExistsError, DiskFullError
 from raw2drive_ros.recording import bag_writer
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_edit import cut, merge
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import BagError, open_bag
-from raw2drive_ros.recording.bag_writer import BagExistsError, BagWriter, DiskFullError
+from raw2drive_ros.recording.bag_reader import open_bag
+from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.recording import Recording, RingBuffer
 from raw2drive_ros.recording.recover import recover
 

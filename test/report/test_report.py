@@ -12,9 +12,10 @@ import pytest
 
 from raw2drive_ros.cli import scenario as scenario_verb
 from raw2drive_ros.cli.main import main
+from raw2drive_ros.errors import ResultsError
 from raw2drive_ros.evaluation.evaluate import summarise, timing_of
 from raw2drive_ros.evaluation.metrics import score_route
-from raw2drive_ros.evaluation.statistics import ResultsFileError, compare
+from raw2drive_ros.evaluation.statistics import compare
 from raw2drive_ros.report.charts import MAX_RUNS, grouped_bars
 from raw2drive_ros.report.comparison import read_all, statistics_of, tone, write_comparison
 from raw2drive_ros.report.failures import replay_command
@@ -140,7 +141,7 @@ def test_files_of_different_suites_are_one_line_of_error(tmp_path, capsys) -> No
     assert main(['report', *map(str, paths), '--out', str(tmp_path / 'r.html')]) == 1
     error = capsys.readouterr().err.strip()
     assert 'not comparable' in error and len(error.splitlines()) == 1
-    with pytest.raises(ResultsFileError, match=f'1 to {MAX_RUNS}'):
+    with pytest.raises(ResultsError, match=f'1 to {MAX_RUNS}'):
         read_all([paths[0]] * (MAX_RUNS + 1))
 
 

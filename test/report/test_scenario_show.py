@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
+from raw2drive_ros.bev_colours import COLOURS
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.report.colours import COLOURS
 from raw2drive_ros.report.overview import LIGHTS, Overview, colour_of
 from raw2drive_ros.report.scene import FILM, OUTCOME_FRAMES, WIDTH
 from raw2drive_ros.report.video import HEIGHT, write_video

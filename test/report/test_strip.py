@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from raw2drive_ros.bev_channels import SIZE_PX
+from raw2drive_ros.bev_colours import COLOURS
 from raw2drive_ros.contract import Control
-from raw2drive_ros.report.colours import COLOURS
 from raw2drive_ros.report.strip import CAPTION_PX, EVERY_TICKS, GAP_PX, PICTURES, StripRecorder
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 

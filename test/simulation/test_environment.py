@@ -3,9 +3,10 @@ import pytest
 
 from raw2drive_ros.actions import ACTIONS
 from raw2drive_ros.contract import Control
+from raw2drive_ros.errors import UnknownScenarioError
 from raw2drive_ros.evaluation.drivers import rule_episodes
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
-from raw2drive_ros.simulation.scenario import UnknownScenarioError, load_scenarios
+from raw2drive_ros.simulation.scenario import load_scenarios
 
 FAST = SimulationConfig(cameras=False, bev=False)
 ABILITIES = ('Merging', 'Overtaking', 'EmergencyBrake', 'GiveWay', 'TrafficSign')

@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 from raw2drive_ros.contract import Control
+from raw2drive_ros.errors import UnknownWeatherError
 from raw2drive_ros.simulation.actors import Look, PathVehicle, StandingObject
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.signals import TrafficLight
 from raw2drive_ros.simulation.variation import NO_VARIATION, Variation, picture_rng
-from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, UnknownWeatherError, get_weather
+from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, get_weather
 
 NIGHTS = tuple(name for name in WEATHER_NAMES if name.endswith('Night'))
 

@@ -7,13 +7,14 @@ import math
 import pytest
 import torch
 
+from raw2drive_ros.errors import CheckpointError, ConfigError
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
 from raw2drive_ros.evaluation.drivers import rule_episodes
 from raw2drive_ros.evaluation.table_actions import TableActions
 from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.recording.dataset import load_bags, rig_of
 from raw2drive_ros.recording.masks import MaskCodec
-from raw2drive_ros.training.checkpoint import CheckpointError, newest_checkpoint
+from raw2drive_ros.training.checkpoint import newest_checkpoint
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.imagination import imagine, start_noise
 from raw2drive_ros.training.optimiser import decay_factor
@@ -23,7 +24,6 @@ from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
 from raw2drive_ros.training.run import RunFolder, train
 from raw2drive_ros.training.teacher import load_teacher
-from raw2drive_ros.world_model.config import ConfigError
 from raw2drive_ros.world_model.rssm import State
 
 NANO = {'threads': 1, 'log_every': 5, 'picture_every': 100, 'checkpoint_every': 5}

@@ -8,35 +8,7 @@ import sys
 from collections.abc import Callable
 from types import FrameType
 
-# Names, not classes: importing the classes would import torch for every verb.
-USER_ERRORS = {
-    'BagError': 1,
-    'BagExistsError': 1,
-    'BundleError': 1,
-    'CheckpointError': 1,
-    'ConfigError': 2,
-    'ContractError': 1,
-    'DiskFullError': 1,
-    'DomainBusyError': 1,
-    'GraphError': 1,
-    'LayoutError': 1,
-    'NodeError': 1,
-    'NonFiniteError': 1,
-    'ResultsError': 1,
-    'ResultsFileError': 1,
-    'SoakError': 1,
-    'UnfairScenarioError': 1,
-    'UnknownDriverError': 2,
-    'UnknownScenarioError': 2,
-    'UnknownSuiteError': 2,
-    'RouteIdError': 2,
-    'UnknownWeatherError': 2,
-    'UsageError': 2,
-}
-
-
-class UsageError(ValueError):
-    """The command line asks for something that does not go together."""
+from raw2drive_ros.errors import UserError
 
 
 class Terminated(BaseException):
@@ -70,10 +42,7 @@ def guarded(run: Callable[[argparse.Namespace], int], options: argparse.Namespac
     except BrokenPipeError:
         return 0
     except Exception as error:
-        code = USER_ERRORS.get(type(error).__name__)
-        if code is None and isinstance(error, OSError):
-            code = 1
-        if code is None:
+        if not isinstance(error, UserError | OSError):
             raise
         print(f'error: {error}', file=sys.stderr)
-        return code
+        return error.exit_code if isinstance(error, UserError) else 1
