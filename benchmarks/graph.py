@@ -13,9 +13,9 @@ import tempfile
 from pathlib import Path
 
 from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.cli.graph import reserve_domain
-from raw2drive_ros.cli.graph_drive import GraphJob, drive_graph
 from raw2drive_ros.driving.bundle import EGO_SIZE, save_bundle
+from raw2drive_ros.graph.drive import GraphJob, drive_graph
+from raw2drive_ros.graph.processes import reserve_domain
 from raw2drive_ros.settings import default_bundle
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.route_id import RouteId

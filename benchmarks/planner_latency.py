@@ -10,7 +10,7 @@ import numpy as np
 
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.driver import RawDriver
-from raw2drive_ros.evaluation.drivers import SensorOnly
+from raw2drive_ros.evaluation.drivers import SensorDriver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.settings import default_bundle
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
@@ -23,7 +23,7 @@ def main() -> None:
     print('| torch threads | p50 ms | p99 ms | decisions |')
     print('|---|---|---|---|')
     for threads in (1, 2):
-        driver = SensorOnly(RawDriver(bundle, threads), cameras=True)
+        driver = SensorDriver(RawDriver(bundle, threads), cameras=True)
         env = DrivingEnv(SimulationConfig(end_on_infraction=False))
         decide_ms: list[float] = []
         for seed in (0, 1):

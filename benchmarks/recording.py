@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 from raw2drive_ros import topics
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 
 PUBLISHER = """
 import sys, time

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
-from raw2drive_ros.evaluation.drivers import rule_episodes
+from raw2drive_ros.evaluation.drivers import rule_driver
 from raw2drive_ros.training.export import export_bundle
 from raw2drive_ros.training.run import train
 
@@ -31,7 +31,7 @@ def bags(workspace) -> Path:
     """One bag of about 120 ticks with cameras, driven by the rule driver with noise."""
     folder = workspace / 'bags'
     config = CollectConfig(('LaneFollowing',), ticks=120, episode_ticks=60)
-    for _ in collect(folder, config, rule_episodes(0.1), {'driver': 'rule'}):
+    for _ in collect(folder, config, rule_driver(0.1), {'driver': 'rule'}):
         pass
     return folder
 

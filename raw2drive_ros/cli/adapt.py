@@ -30,8 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.single import run_single
     from raw2drive_ros.driving.gate_config import load_gate_config
+    from raw2drive_ros.graph.foreground import run_single
 
     load_gate_config(options.config)
     parameters = {

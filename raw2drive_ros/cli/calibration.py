@@ -36,9 +36,9 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.errors import UsageError
     from raw2drive_ros.progress import bar
     from raw2drive_ros.recording.bag_reader import find_bags
-    from raw2drive_ros.recording.dataset import load_bag
-    from raw2drive_ros.report.calibration import Judge, Traces, joined, numbers
+    from raw2drive_ros.report.calibration import CalibrationProbe, Traces, joined, numbers
     from raw2drive_ros.report.calibration_plot import save_calibration
+    from raw2drive_ros.training.dataset import load_bag
     from raw2drive_ros.training.teacher import load_teacher
 
     if options.samples < 1 or options.threads < 1:
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     torch.set_num_threads(options.threads)
     paths = find_bags(options.bags)
     trainer = load_teacher(options.training_run)
-    judge = Judge(trainer, options.samples)
+    probe = CalibrationProbe(trainer, options.samples)
     learnt = _training_bags(options.training_run)
     traces: list[Traces] = []
     drivers: dict[str, int] = {}
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
             def progress(ticks: int, number: int = number, name: str = path.name, total: int = len(bag)) -> None:
                 advance(number + ticks / total, name)
 
-            traces += judge.traces(bag, progress)
+            traces += probe.traces(bag, progress)
             drivers[bag.driver or 'unknown'] = drivers.get(bag.driver or 'unknown', 0) + 1
             seen += bag.identity in learnt
     found: dict[str, Any] = {
@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
         'drivers': drivers,
         'samples': options.samples,
     }
-    found |= numbers(traces, judge.gamma)
+    found |= numbers(traces, probe.gamma)
     title = f'{options.training_run.resolve().name}, {trainer.steps} steps, {len(paths)} bags ({_drivers(found)})'
     picture = save_calibration(options.out, title, found, joined(traces))
     if options.json:
@@ -85,12 +85,12 @@ def run(options: argparse.Namespace) -> int:
 def _training_bags(path: Path) -> set[str]:
     """Identities of the bags that a run, a checkpoint or a teacher bundle learnt from; a run's are those of its newest
     round. Raises CheckpointError."""
-    from raw2drive_ros.training.teacher import run_facts
+    from raw2drive_ros.training.teacher import run_metadata
 
     if (path / 'teacher.json').is_file():
-        return set(json.loads((path / 'teacher.json').read_text())['facts'].get('training_bags', ()))
+        return set(json.loads((path / 'teacher.json').read_text())['metadata'].get('training_bags', ()))
     run = next((p for p in (path, *path.parents) if (p / 'config.json').is_file()), None)
-    return set(run_facts(run)['training_bags']) if run else set()
+    return set(run_metadata(run)['training_bags']) if run else set()
 
 
 def _drivers(found: dict[str, Any]) -> str:

@@ -28,8 +28,8 @@ def run(options: argparse.Namespace) -> int:
     import tempfile
     from pathlib import Path
 
-    from raw2drive_ros.cli.graph import running_graph
     from raw2drive_ros.errors import GraphError, UsageError
+    from raw2drive_ros.graph.processes import running_graph
 
     if options.service and not options.service.startswith('/'):
         raise UsageError(f'{options.service}: give the full name, as /safety_gate/activate')

@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.single import run_single
     from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.graph.foreground import run_single
 
     if not (options.route_m > 0 and options.timeout > 0):
         raise UsageError('--route-m and --timeout must be positive')

@@ -59,9 +59,9 @@ def run(options: argparse.Namespace) -> int:
 
     from raw2drive_ros.errors import UsageError
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
-    from raw2drive_ros.evaluation.drivers import expert_episodes, make_driver
+    from raw2drive_ros.evaluation.drivers import expert_driver, make_driver
     from raw2drive_ros.evaluation.routes import weighted_types
-    from raw2drive_ros.evaluation.table_actions import ASKED_TICKS, Advised, through_table
+    from raw2drive_ros.evaluation.table_actions import ASKED_TICKS, AdvisedDriver, through_table
     from raw2drive_ros.progress import bar
     from raw2drive_ros.simulation.camera_rig import SIZES
 
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     if options.table:
         driver = through_table(options.driver, driver, options.noise)
     if options.advice and not (options.table and options.driver == 'expert'):
-        driver = Advised(driver, expert_episodes(coarse=True), options.advice_every)
+        driver = AdvisedDriver(driver, expert_driver(coarse=True), options.advice_every)
     config = CollectConfig(
         scenarios,
         options.ticks,
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
         weathers=WEATHER_NAMES if options.weather == 'cycle' else (get_weather(options.weather).name,),
         vary=options.vary,
     )
-    facts = {
+    metadata = {
         'driver': options.driver,
         'noise': str(options.noise),
         'weather': options.weather,
@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
     }
     bags = set()
     with bar('collecting', options.ticks, 'ticks') as advance:
-        for ticks, bag in collect(options.out, config, driver, facts):
+        for ticks, bag in collect(options.out, config, driver, metadata):
             bags.add(bag)
             advance(ticks)
     print(f'{len(bags)} bags in {options.out}; next: raw2drive train privileged --bags {options.out} --run runs/stage1')

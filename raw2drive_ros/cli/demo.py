@@ -35,12 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.graph import reserve_domain
-    from raw2drive_ros.cli.graph_drive import GraphJob, drive_graph
     from raw2drive_ros.cli.table import print_events, print_results
     from raw2drive_ros.evaluation.evaluate import summarise
     from raw2drive_ros.evaluation.metrics import RouteResult
     from raw2drive_ros.evaluation.routes import SUITE_VERSION
+    from raw2drive_ros.graph.drive import GraphJob, drive_graph
+    from raw2drive_ros.graph.processes import reserve_domain
     from raw2drive_ros.progress import bar
     from raw2drive_ros.recording.bag_writer import require_space
     from raw2drive_ros.recording.events import events_of

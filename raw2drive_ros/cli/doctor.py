@@ -109,7 +109,7 @@ def _latency(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None:
     from raw2drive_ros.driving.bundle import load_bundle
     from raw2drive_ros.driving.driver import RawDriver
     from raw2drive_ros.errors import BundleError
-    from raw2drive_ros.evaluation.drivers import SensorOnly
+    from raw2drive_ros.evaluation.drivers import SensorDriver
     from raw2drive_ros.evaluation.episode import drive_route
     from raw2drive_ros.settings import default_bundle
     from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
@@ -121,7 +121,7 @@ def _latency(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None:
         problems.append(str(error))
         return None
     env = DrivingEnv(SimulationConfig(end_on_infraction=False))
-    drive = drive_route(env, SensorOnly(driver, cameras=True), RouteId('LaneFollowing', 0), max_ticks=100)
+    drive = drive_route(env, SensorDriver(driver, cameras=True), RouteId('LaneFollowing', 0), max_ticks=100)
     p50, p99 = np.percentile(drive.decide_ms[5:], [50, 99])
     return {'images_to_command_p50': round(float(p50), 2), 'images_to_command_p99': round(float(p99), 2)}
 

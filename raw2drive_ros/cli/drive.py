@@ -26,10 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.single import run_single
     from raw2drive_ros.driving.bundle import load_bundle
     from raw2drive_ros.driving.gate_config import load_gate_config
     from raw2drive_ros.driving.monitor_config import load_monitor_config
+    from raw2drive_ros.graph.foreground import run_single
     from raw2drive_ros.settings import default_bundle
 
     bundle = (options.bundle or default_bundle()).resolve()

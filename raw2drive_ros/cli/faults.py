@@ -9,7 +9,7 @@ EXAMPLES = """examples:
   raw2drive faults list my_plans.yaml
   raw2drive faults run 'camera frozen' --domain 12        between the nodes of a graph; says what to remap
   raw2drive demo --fault 'camera frozen'                  the same with the whole graph around it
-  raw2drive evaluate --driver raw --faults matrix         scores and reaction times under every plan"""
+  raw2drive evaluate faults                               scores and reaction times under every plan"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     plans = load_plans(options.plans).plans
     if options.plan not in plans:
         raise UsageError(f'faults run: give a plan of {options.plans}: {", ".join(plans)}')
-    from raw2drive_ros.cli.single import run_single
+    from raw2drive_ros.graph.foreground import run_single
 
     print('start those who are to suffer with:')
     for name in touched_topics(plans[options.plan]):

@@ -9,34 +9,45 @@ from collections.abc import Sequence
 
 from raw2drive_ros import __version__
 
-# verb: (module, one line of help)
-VERBS = {
-    'demo': ('demo', 'drive three routes through the whole ROS graph and make a report'),
-    'sim': ('sim', 'run the simulation bridge, or list its scenarios'),
-    'drive': ('drive', 'run planner and safety gate on a graph that has a vehicle'),
-    'check-vehicle': (
-        'check_vehicle',
-        'probe a graph that claims to be a vehicle: what breaks the contract?',
-    ),
-    'adapt': ('adapt', 'translate commands for a vehicle that takes TwistStamped, Ackermann, Autoware or CARLA'),
-    'carla': ('carla', 'a car of a CARLA server as the vehicle'),
-    'call': ('call', 'call a service of a running node: activate, pause, reset, seek'),
-    'record': ('record', 'record a running graph into an MCAP bag'),
-    'replay': ('replay', "play a bag's sensors into the graph"),
-    'collect': ('collect', 'drive in process and write training bags'),
-    'train': ('train', 'train the privileged (stage 1) or raw (stage 2) stream from bags'),
-    'curves': ('curves', 'draw the metrics of training runs as one picture'),
-    'calibration': ('calibration', 'compare what a world model and its critic predict with what bags recorded'),
-    'dream': ('dream', 'film what a world model believes and imagines at a moment of a bag'),
-    'evaluate': ('evaluate', 'drive routes in process and score them'),
-    'report': ('report', 'compare results of evaluate on one HTML page'),
-    'scenario': ('scenario', 'list the scenario types, or show one as a picture or a video'),
-    'suite': ('suite', 'list the evaluation suites, or draw one anew'),
-    'faults': ('faults', 'list plans of faults, or put the fault injector into a running graph'),
-    'soak': ('soak', 'run the whole graph for hours: do memory, handles and logs stay flat?'),
-    'bag': ('bag', 'inspect bags'),
-    'doctor': ('doctor', 'check the installation, the transport and the latency budget'),
+# group: verb: (module, one line of help). A verb of two words is a part of the verb that its first word names.
+GROUPS = {
+    'Start': {
+        'demo': ('demo', 'drive three routes through the whole ROS graph and make a report'),
+        'doctor': ('doctor', 'check the installation, the transport and the latency budget'),
+    },
+    'Drive': {
+        'sim': ('sim', 'run the simulation bridge'),
+        'drive': ('drive', 'run planner and safety gate on a graph that has a vehicle'),
+        'check-vehicle': ('check_vehicle', 'probe a graph that claims to be a vehicle: what breaks the contract?'),
+        'adapt': ('adapt', 'translate commands for a vehicle that takes TwistStamped, Ackermann, Autoware or CARLA'),
+        'carla': ('carla', 'a car of a CARLA server as the vehicle'),
+        'call': ('call', 'call a service of a running node: activate, pause, reset, seek'),
+        'faults': ('faults', 'list plans of faults, or put the fault injector into a running graph'),
+        'soak': ('soak', 'run the whole graph for hours: do memory, handles and logs stay flat?'),
+    },
+    'Learn': {
+        'collect': ('collect', 'drive in process and write training bags'),
+        'train': ('train', 'train the privileged (stage 1) or raw (stage 2) stream from bags'),
+    },
+    'Evaluate': {
+        'evaluate': ('evaluate', 'drive routes in process or through the graph, and score them'),
+        'evaluate faults': ('evaluate_faults', 'drive the raw policy under every plan of faults'),
+        'report': ('report', 'compare results of evaluate on one HTML page'),
+        'suite': ('suite', 'list the evaluation suites, or draw one anew'),
+    },
+    'Look': {
+        'scenario': ('scenario', 'list the scenario types, or show one as a picture or a video'),
+        'curves': ('curves', 'draw the metrics of training runs as one picture'),
+        'calibration': ('calibration', 'compare what a world model and its critic predict with what bags recorded'),
+        'dream': ('dream', 'film what a world model believes and imagines at a moment of a bag'),
+    },
+    'Bags': {
+        'record': ('record', 'record a running graph into an MCAP bag'),
+        'replay': ('replay', "play a bag's sensors into the graph"),
+        'bag': ('bag', 'inspect, mend, cut and merge bags'),
+    },
 }
+VERBS = {verb: entry for verbs in GROUPS.values() for verb, entry in verbs.items()}
 EXAMPLES = """examples:
   raw2drive demo                                   the whole graph on three routes, with report
   raw2drive evaluate --driver raw --routes lane-following --seeds 20
@@ -52,17 +63,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         'raw2drive',
         description='Raw2Drive for ROS 2: an end-to-end driver learnt by model-based reinforcement learning.',
-        epilog=EXAMPLES,
+        epilog=f'{_listing()}\n\n{EXAMPLES}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=f'raw2drive {__version__}')
     verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    given = _joined(list(sys.argv[1:] if arguments is None else arguments))
     chosen = next((a for a in given if not a.startswith('-')), None)
     for verb, (module, help_line) in VERBS.items():
-        sub = verbs.add_parser(
-            verb, help=help_line, description=help_line, formatter_class=argparse.RawDescriptionHelpFormatter
-        )
+        # Without `help`, or argparse would list them once more.
+        sub = verbs.add_parser(verb, description=help_line, formatter_class=argparse.RawDescriptionHelpFormatter)
         if verb == chosen:
             loaded = importlib.import_module(f'raw2drive_ros.cli.{module}')
             sub.epilog = loaded.EXAMPLES
@@ -72,6 +82,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from raw2drive_ros.cli.guard import guarded
 
     return guarded(options.run, options)
+
+
+def _listing() -> str:
+    """Every verb with its line, by group."""
+    width = max(map(len, VERBS)) + 2
+    return '\n\n'.join(
+        '\n'.join([f'{group}:', *(f'  {verb:{width}}{line}' for verb, (_, line) in verbs.items())])
+        for group, verbs in GROUPS.items()
+    )
+
+
+def _joined(given: list[str]) -> list[str]:
+    """`evaluate faults` is one verb of two words."""
+    return [' '.join(given[:2]), *given[2:]] if ' '.join(given[:2]) in VERBS else given
 
 
 if __name__ == '__main__':

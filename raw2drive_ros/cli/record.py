@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.single import run_single
+    from raw2drive_ros.graph.foreground import run_single
     from raw2drive_ros.recording.bag_writer import require_new
 
     require_new(options.out)

@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
         outcome = verify_bag(options.bag, options.bundle or default_bundle())
         print(json.dumps(asdict(outcome)) if options.json else outcome.text)
         return 0 if outcome.equal else 1
-    from raw2drive_ros.cli.single import run_single
+    from raw2drive_ros.graph.foreground import run_single
 
     parameters = {
         'bag': str(options.bag.resolve()),

@@ -18,7 +18,7 @@ Drivers are compared on the routes that they have in common; suite and version h
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('files', nargs='+', type=Path, metavar='FILE', help='JSON lines of raw2drive evaluate --out')
     parser.add_argument('--out', type=Path, default=Path('report.html'), help='page to write (default: report.html)')
-    parser.add_argument('--strips', type=int, default=40, help='pictures of failed drives per driver (default: 40)')
+    parser.add_argument('--filmstrips', type=int, default=40, help='pictures of failed drives per driver (default: 40)')
     parser.add_argument('--json', action='store_true', help='print the statistics as JSON and write no page')
 
 
@@ -26,11 +26,11 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.errors import UsageError
     from raw2drive_ros.report.comparison import read_all, statistics_of, write_comparison
 
-    if options.strips < 0:
-        raise UsageError('--strips: give 0 or more')
+    if options.filmstrips < 0:
+        raise UsageError('--filmstrips: give 0 or more')
     if options.json:
         print(json.dumps(statistics_of(options.files, read_all(options.files))))
         return 0
-    page = write_comparison(options.out, options.files, options.strips)
+    page = write_comparison(options.out, options.files, options.filmstrips)
     print(f'{page}: {page.stat().st_size / 1e6:.1f} MB')
     return 0

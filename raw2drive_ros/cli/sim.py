@@ -1,13 +1,14 @@
-"""raw2drive sim: the simulation bridge alone, or the list of scenarios, or a picture of one."""
+"""raw2drive sim: the simulation bridge alone."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.cli.deprecation import warn_old
+
 EXAMPLES = """examples:
-  raw2drive sim --list
-  raw2drive sim --scenario HardBreakRoute --seed 3 --picture scene.png
+  raw2drive sim --scenario HardBreakRoute --seed 3            (raw2drive scenario list has the names)
   raw2drive sim --scenario LaneFollowing --real-time          (then, elsewhere: raw2drive drive --sim-time)
 
 While it runs: raw2drive call /bridge/reset --set scenario=Accident --set seed=3
@@ -15,11 +16,11 @@ While it runs: raw2drive call /bridge/reset --set scenario=Accident --set seed=3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--list', action='store_true', help='list scenario types and abilities')
+    parser.add_argument('--list', action='store_true', help=argparse.SUPPRESS)
     parser.add_argument('--scenario', default='LaneFollowing')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--weather', default='ClearNoon', help='weather preset of the camera images')
-    parser.add_argument('--picture', type=Path, help='render cameras and BEV after some seconds and exit')
+    parser.add_argument('--picture', type=Path, help=argparse.SUPPRESS)
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--real-time', action='store_true', help='follow the wall clock instead of lock-step')
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
@@ -35,6 +36,7 @@ def run(options: argparse.Namespace) -> int:
     if options.list:
         from raw2drive_ros.cli.scenario import print_list
 
+        warn_old('sim --list', 'raw2drive scenario list')
         return print_list()
     get_scenario(options.scenario)
     if options.seed < 0:
@@ -43,14 +45,15 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     height, width = SIZES[options.size]
     if options.picture is not None:
-        from raw2drive_ros.evaluation.drivers import rule_episodes
+        from raw2drive_ros.evaluation.drivers import rule_driver
         from raw2drive_ros.report.scene import save_picture
         from raw2drive_ros.simulation.route_id import RouteId
 
+        warn_old('sim --picture', 'raw2drive scenario show TYPE --seed N --picture FILE')
         route = RouteId(options.scenario, options.seed, get_weather(options.weather).name)
-        print(save_picture(options.picture, route, (height, width), rule_episodes()))
+        print(save_picture(options.picture, route, (height, width), rule_driver()))
         return 0
-    from raw2drive_ros.cli.single import run_single
+    from raw2drive_ros.graph.foreground import run_single
 
     parameters = {
         'scenario': options.scenario,

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from raw2drive_ros.cli.graph import Graph
     from raw2drive_ros.evaluation.soak import Sample
 
 EXAMPLES = """examples:
@@ -22,8 +21,6 @@ folder are sampled; from an hour (simulated) after the graph's start on, memory 
 the rest not at all. Exit code 1 when one does, or when a process ends; 3 when no start
 lasted twice the warm-up, so that there is no verdict."""
 
-SNAPSHOT_S = 5.0
-KEPT_SNAPSHOTS = 3
 NO_VERDICT = 3
 
 
@@ -42,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.errors import UsageError
     from raw2drive_ros.evaluation.soak import drop_half_line, read_samples, totals
+    from raw2drive_ros.graph.soak import SoakPlan, soak
+    from raw2drive_ros.progress import bar
+    from raw2drive_ros.settings import default_bundle
 
     if not (0 <= options.hours < 10_000 and options.every > 0 and options.warm_up >= 0):
         raise UsageError('--hours and --warm-up must not be negative, --every must be positive')
@@ -54,112 +54,20 @@ def run(options: argparse.Namespace) -> int:
     missing_h = options.hours - totals(before)['simulated_h']
     try:
         if missing_h > 0:
-            _soak(options, file, 1 + max((s.part for s in before), default=0), missing_h)
+            plan = SoakPlan(
+                options.out,
+                options.suite,
+                (options.bundle or default_bundle()).resolve(),
+                first_part=1 + max((s.part for s in before), default=0),
+                graphs=options.graphs,
+                sample_every_s=options.every,
+                domain=options.domain,
+            )
+            with bar('soaking', round(missing_h * 3600.0), 'simulated seconds') as advance:
+                soak(plan, missing_h, advance)
     finally:
         code = _report(options, read_samples(file))
     return code
-
-
-def _soak(options: argparse.Namespace, file: Path, part: int, hours: float) -> None:
-    """Start the graphs, each a part of its own from `part` on, and sample them until they have driven `hours` together.
-
-    Raises GraphError when a process ends.
-    """
-    import time
-    from contextlib import ExitStack
-
-    from raw2drive_ros.cli.graph import reserve_domain, running_graph
-    from raw2drive_ros.progress import bar
-
-    wanted_s = hours * 3600.0
-    with ExitStack() as stack:
-        parts = []
-        for number in range(part, part + options.graphs):
-            folder = options.out / f'part_{number:02d}'
-            domain = stack.enter_context(reserve_domain(options.domain))
-            parts.append(_Part(number, folder, stack.enter_context(running_graph(folder / 'logs', domain))))
-            _start(parts[-1].graph, folder, options)
-        advance = stack.enter_context(bar('soaking', round(wanted_s), 'simulated seconds'))
-        due, driven_s = 0.0, 0.0
-        while driven_s < wanted_s:
-            time.sleep(0.5)
-            for each in parts:
-                each.follow()
-            driven_s = sum(each.simulated_s for each in parts)
-            if time.monotonic() >= due or driven_s >= wanted_s:
-                due = time.monotonic() + options.every
-                for each in parts:
-                    each.sample(file)
-                notes = (f'{each.episodes} episodes, {each.ticks_per_s} ticks/s' for each in parts)
-                advance(min(driven_s, wanted_s), '; '.join(notes))
-
-
-class _Part:
-    """A graph, how far its bridge has driven, and what its processes hold."""
-
-    def __init__(self, number: int, folder: Path, graph: Graph) -> None:
-        import time
-
-        from raw2drive_ros.cli.graph_drive import Tail
-        from raw2drive_ros.timing import load_timing
-
-        self.number, self.folder, self.graph = number, folder, graph
-        self.progress, self.started = Tail(folder / 'progress.jsonl'), time.monotonic()
-        self.rate_hz = load_timing().decision_rate_hz
-        self.driven_ticks, self.episodes, self.simulated_s, self.ticks_per_s = 0, 0, 0.0, 0.0
-
-    def follow(self) -> None:
-        """Read on in the bridge's progress. Raises GraphError when a process has ended."""
-        self.graph.check()
-        for state in self.progress.new():
-            self.ticks_per_s = state['ticks_per_s']
-            self.simulated_s = (self.driven_ticks + state['ticks']) / self.rate_hz
-            if state['done']:
-                self.episodes, self.driven_ticks = self.episodes + 1, self.driven_ticks + state['ticks']
-
-    def sample(self, file: Path) -> None:
-        """Append what the graph's processes hold now."""
-        import time
-
-        from raw2drive_ros.cli.process_samples import folder_mib, process_values
-        from raw2drive_ros.evaluation.soak import Sample, append_sample
-
-        _drop_old(self.folder / 'snapshots')
-        values = {'graph/logs_mib': folder_mib(self.folder / 'logs')}
-        for name, process in self.graph.processes.items():
-            values |= process_values(name, process.pid)
-        wall_s = time.monotonic() - self.started
-        append_sample(file, Sample(self.number, self.simulated_s, wall_s, self.episodes, values))
-
-
-def _start(graph: Graph, folder: Path, options: argparse.Namespace) -> None:
-    from raw2drive_ros.driving.bundle import load_bundle
-    from raw2drive_ros.evaluation.suites import load_suite
-    from raw2drive_ros.settings import default_bundle
-
-    bundle = (options.bundle or default_bundle()).resolve()
-    rig = load_bundle(bundle).rig
-    graph.start('recorder', {'bag': str(folder / 'snapshots'), 'snapshot_s': SNAPSHOT_S})
-    graph.start('safety_gate', {'clock': 'ros', 'simulated': True})
-    graph.start('planner', {'bundle': str(bundle)})
-    bridge = {
-        'episodes': ','.join(map(str, load_suite(options.suite).routes)),
-        'loop': True,
-        'image_height': rig[0].height,
-        'image_width': rig[0].width,
-        'wait_for_image_subscribers': 2,
-        'rows_file': str(folder / 'rows.jsonl'),
-        'progress_file': str(folder / 'progress.jsonl'),
-    }
-    graph.start('bridge', bridge, sim_time=False)
-
-
-def _drop_old(snapshots: Path) -> None:
-    """Every stop of the gate is a bag of some 50 MB; hours of them are not what is tested here."""
-    import shutil
-
-    for bag in sorted(snapshots.glob('snapshot_*'), key=lambda path: int(path.name.split('_')[-1]))[:-KEPT_SNAPSHOTS]:
-        shutil.rmtree(bag, ignore_errors=True)
 
 
 def _report(options: argparse.Namespace, samples: list[Sample]) -> int:

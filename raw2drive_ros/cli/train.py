@@ -114,8 +114,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run_recipe(options: argparse.Namespace) -> int:
-    from raw2drive_ros.cli.recipe import run_recipe
     from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.evaluation.recipe_rounds import run_recipe
     from raw2drive_ros.training.recipe import load_recipe
 
     if options.stage != 'privileged' or options.bags is not None:
@@ -129,9 +129,9 @@ def _run_recipe(options: argparse.Namespace) -> int:
 
 
 def _export_teacher(options: argparse.Namespace) -> int:
-    from raw2drive_ros.training.teacher import run_facts, save_teacher
+    from raw2drive_ros.training.teacher import run_metadata, save_teacher
 
-    identity = save_teacher(options.export, options.training_run, run_facts(options.training_run))
+    identity = save_teacher(options.export, options.training_run, run_metadata(options.training_run))
     print(f'teacher {identity} in {options.export}')
     print(f'next: raw2drive evaluate --driver privileged --run {options.export} --suite b2d220 --workers 2')
     return 0

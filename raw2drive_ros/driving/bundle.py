@@ -1,6 +1,6 @@
 """Policy bundles: a folder of data, never code, that a planner can check before it trusts it.
 
-bundle.json   format, identity, model config, camera rig, action table and preprocessing hashes, facts
+bundle.json   format, identity, model config, camera rig, action table and preprocessing hashes, metadata
 weights.safetensors   float16 weights of the raw world model and the actor
 MODEL_CARD.md
 """
@@ -44,7 +44,7 @@ class Bundle:
     rig: tuple[CameraCalibration, ...]
     model: RawWorldModel
     actor: Actor
-    facts: dict[str, Any]
+    metadata: dict[str, Any]
 
 
 def preprocessing_hash() -> str:
@@ -88,9 +88,9 @@ def save_bundle(
     rig: tuple[CameraCalibration, ...],
     model: RawWorldModel,
     actor: Actor,
-    facts: dict[str, Any],
+    metadata: dict[str, Any],
 ) -> str:
-    """Write a bundle atomically and return its identity. facts: bags, steps, metrics, command lines."""
+    """Write a bundle atomically and return its identity. metadata: bags, steps, metrics, command lines."""
     partial = path.with_name(path.name + '.partial')
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
@@ -112,12 +112,12 @@ def save_bundle(
         'heads': [name for name in ('reward', 'continue') if _has_head(model, name)],
         'config': config.model_dump(mode='json'),
         'rig': _rig_to_json(rig),
-        'facts': facts,
+        'facts': metadata,
     }
     identity = _hash(json.dumps(body | {'facts': None}, sort_keys=True).encode())
     body['identity'] = identity
     (partial / 'bundle.json').write_text(json.dumps(body, indent=2) + '\n')
-    (partial / 'MODEL_CARD.md').write_text(_model_card(identity, config, facts))
+    (partial / 'MODEL_CARD.md').write_text(_model_card(identity, config, metadata))
     shutil.rmtree(path, ignore_errors=True)
     partial.replace(path)
     return identity
@@ -193,7 +193,7 @@ def check_rig(bundle: Bundle, rig: tuple[CameraCalibration, ...], tolerance: flo
         raise BundleError(f'{bundle.path}: cameras do not match: ' + '; '.join(sorted(problems)))
 
 
-def _model_card(identity: str, config: ModelConfig, facts: dict[str, Any]) -> str:
+def _model_card(identity: str, config: ModelConfig, metadata: dict[str, Any]) -> str:
     lines = [
         f'# Raw2Drive raw policy `{identity}`',
         '',
@@ -201,7 +201,7 @@ def _model_card(identity: str, config: ModelConfig, facts: dict[str, Any]) -> st
         '',
         f'- image size: {config.image_size[0]} x {config.image_size[1]}, RSSM {config.deter} + '
         f'{config.stoch} x {config.classes}',
-        *(f'- {key}: {value}' for key, value in facts.items()),
+        *(f'- {key}: {value}' for key, value in metadata.items()),
         '',
         'Made in and for the highway-env simulation of this repository; not for real roads.',
         '',

@@ -140,7 +140,7 @@ class Gate:
         if self._last_valid is not None and now.ros_s <= self._last_valid.ros_s:
             self._unclocked += 1
 
-    def crowd(self, proposing: int, commanding: int, now: Moment) -> None:
+    def publisher_counts(self, proposing: int, commanding: int, now: Moment) -> None:
         """How many publishers the topics of proposals and of commands have now, the gate itself among the latter."""
         names = [name for name, count in (('proposals', proposing), ('commands', commanding)) if count > 1]
         self._crowded = f'more than one publisher of {" and of ".join(names)}' if names else ''

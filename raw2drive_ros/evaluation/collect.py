@@ -12,8 +12,8 @@ from msg_adapters.privileged import advice_to_message
 from raw2drive_ros import topics
 from raw2drive_ros.evaluation.drivers import EpisodeDriver
 from raw2drive_ros.evaluation.episode import as_received
+from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.recording.bag_writer import BagWriter
-from raw2drive_ros.recording.tick_messages import TickMessages
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.weather import CLEAR
@@ -56,8 +56,8 @@ def collect(
     done_ticks = 0
     while done_ticks < config.ticks:
         path = folder / f'{provenance.get("driver", "driver")}_{seed:06d}'
-        facts = provenance | {'first_seed': str(seed), 'scenarios': ','.join(config.scenarios)}
-        with BagWriter(path, facts) as bag:
+        metadata = provenance | {'first_seed': str(seed), 'scenarios': ','.join(config.scenarios)}
+        with BagWriter(path, metadata) as bag:
             for topic, stamp, message in messages.latched(env.clock_ns):
                 bag.write(topic, stamp, message)
             in_bag = 0

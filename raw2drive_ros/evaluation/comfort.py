@@ -1,7 +1,8 @@
 """Comfort of a drive: the share of 2 s segments that keep six limits (Bench2Drive's, spec 4.5).
 
-Bench2Drive's tool has quirks that lower every score; `quirks=True` reproduces them: derivatives with a step of 0.1 s
-on 20 Hz data, "yaw acceleration" that is the smoothed yaw rate, and yaw rates in deg/s held against limits in rad/s.
+Bench2Drive's tool has mistakes that lower every score, which `bench2drive_compat=True` reproduces: derivatives with a
+step of 0.1 s on 20 Hz data, "yaw acceleration" that is the smoothed yaw rate, and yaw rates in deg/s held against
+limits in rad/s.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ def savitzky_golay(derivative: int) -> Float64:
     return matrix
 
 
-def comfort_percent(motion: Float64, *, quirks: bool = False) -> float | None:
+def comfort_percent(motion: Float64, *, bench2drive_compat: bool = False) -> float | None:
     """Percent of whole segments inside all limits; None (undefined) for drives shorter than one.
 
     motion: (N, 3) longitudinal and lateral acceleration (m/s2, in the vehicle's axes) and yaw rate (rad/s) at 20 Hz.
@@ -47,11 +48,11 @@ def comfort_percent(motion: Float64, *, quirks: bool = False) -> float | None:
     if count == 0:
         return None
     segments = np.asarray(motion[: count * SEGMENT]).reshape(count, SEGMENT, 3).transpose(2, 0, 1)
-    smooth, slope = savitzky_golay(0).T, savitzky_golay(1).T / (QUIRK_STEP_S if quirks else 1.0 / RATE_HZ)
+    smooth, slope = savitzky_golay(0).T, savitzky_golay(1).T / (QUIRK_STEP_S if bench2drive_compat else 1.0 / RATE_HZ)
     longitudinal, lateral = segments[0] @ smooth, segments[1] @ smooth
-    rate = np.degrees(segments[2]) if quirks else segments[2]
+    rate = np.degrees(segments[2]) if bench2drive_compat else segments[2]
     yaw_rate = rate @ smooth
-    yaw_acceleration = yaw_rate if quirks else rate @ slope
+    yaw_acceleration = yaw_rate if bench2drive_compat else rate @ slope
     jerk = np.hypot(segments[0], segments[1]) @ slope
     inside = (
         (longitudinal > LONGITUDINAL_MPS2[0]).all(1)

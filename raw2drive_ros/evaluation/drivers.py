@@ -15,14 +15,14 @@ from raw2drive_ros.contract import Control, Decision, SensorFrame
 from raw2drive_ros.driving.baselines import RandomDriver, StraightDriver
 from raw2drive_ros.driving.driver import Driver
 from raw2drive_ros.errors import UnknownDriverError
-from raw2drive_ros.evaluation.expert import Expert
+from raw2drive_ros.evaluation.expert import ExpertDriver
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
-from raw2drive_ros.evaluation.simple_drivers import IdmMobil, constant_speed
-from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.evaluation.simple_drivers import IdmMobilDriver, constant_speed
 from raw2drive_ros.settings import default_teacher
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import SUBSTEPS, World
 from raw2drive_ros.world_model.distributions import sample_one_hot
+from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.rssm import State
 
 DRIVER_NAMES = ('raw', 'privileged', 'expert', 'rule', 'idm', 'constant', 'straight', 'random')
@@ -41,7 +41,7 @@ class EpisodeDriver(Protocol):
         """Decide on one tick."""
 
 
-class SensorOnly:
+class SensorDriver:
     """A `driving.Driver`: exactly what the planner node runs."""
 
     needs_bev = False
@@ -59,7 +59,7 @@ class SensorOnly:
         return self.driver.drive(frame, tick.route)
 
 
-class WorldEpisodes:
+class WorldDriver:
     """A driver that reads the simulator's state. make: seed -> a fresh decision function for one episode."""
 
     needs_cameras = needs_bev = False
@@ -76,22 +76,22 @@ class WorldEpisodes:
         return Decision(frame.stamp_ns, control, nearest_action(control))
 
 
-def rule_episodes(noise: float = 0.0) -> WorldEpisodes:
+def rule_driver(noise: float = 0.0) -> WorldDriver:
     """The rule driver; with noise, three of four episodes have bursts of random actions."""
 
     def make(seed: int) -> Callable[[World], Control]:
         rng = np.random.default_rng(seed)
         return RuleDriver(rng, noise if rng.random() < 0.75 else 0.0).control
 
-    return WorldEpisodes(make)
+    return WorldDriver(make)
 
 
-def expert_episodes(*, coarse: bool = False) -> WorldEpisodes:
+def expert_driver(*, coarse: bool = False) -> WorldDriver:
     """The expert; coarse: rehearsing in steps of a decision, which halves its cost and solves as many routes."""
-    return WorldEpisodes(lambda seed: Expert(SUBSTEPS if coarse else 1).control)
+    return WorldDriver(lambda seed: ExpertDriver(SUBSTEPS if coarse else 1).control)
 
 
-class PrivilegedEpisodes:
+class PrivilegedDriver:
     """The stage-1 policy on BEV masks.
 
     run: whatever `load_teacher` takes. noise: share of decisions that are sampled instead of the mode.
@@ -142,7 +142,7 @@ class PrivilegedEpisodes:
         return Decision(frame.stamp_ns, ACTIONS[action], action)
 
 
-class Blindfold:
+class BlindfoldedDriver:
     """Another driver with every camera blacked out: shows how much of its driving comes from the cameras."""
 
     def __init__(self, inner: EpisodeDriver) -> None:
@@ -165,26 +165,26 @@ def make_driver(
     Raises UnknownDriverError, BundleError or CheckpointError.
     """
     if name == 'random':
-        return SensorOnly(RandomDriver(), cameras=False)
+        return SensorDriver(RandomDriver(), cameras=False)
     if name == 'straight':
-        return SensorOnly(StraightDriver(), cameras=False)
+        return SensorDriver(StraightDriver(), cameras=False)
     if name == 'rule':
-        return rule_episodes(noise)
+        return rule_driver(noise)
     if name in ('idm', 'constant'):
-        return WorldEpisodes(lambda seed: IdmMobil().control if name == 'idm' else constant_speed)
+        return WorldDriver(lambda seed: IdmMobilDriver().control if name == 'idm' else constant_speed)
     if name == 'expert':
-        return expert_episodes()
+        return expert_driver()
     if name == 'privileged':
         if run is None and not default_teacher().is_dir():
             raise UnknownDriverError(
                 f'driver privileged needs --run: the shipped teacher is not at {default_teacher()}'
             )
-        return PrivilegedEpisodes(run or default_teacher(), noise)
+        return PrivilegedDriver(run or default_teacher(), noise)
     if name == 'raw':
         from raw2drive_ros.driving.bundle import load_bundle
         from raw2drive_ros.driving.driver import RawDriver
 
         if bundle is None:
             raise UnknownDriverError('driver raw needs a policy bundle (--bundle)')
-        return SensorOnly(RawDriver(load_bundle(bundle), threads), cameras=True)
+        return SensorDriver(RawDriver(load_bundle(bundle), threads), cameras=True)
     raise UnknownDriverError(f'unknown driver {name!r}; known: {", ".join(DRIVER_NAMES)}')

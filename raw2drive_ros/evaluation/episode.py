@@ -37,8 +37,8 @@ class Drive:
     decide_ms: list[float] = field(default_factory=list)
 
 
-def result_of(env: DrivingEnv, *, quirks: bool = False) -> RouteResult:
-    """The score of the episode that `env` has just driven. quirks: as Bench2Drive's tools compute it."""
+def result_of(env: DrivingEnv, *, bench2drive_compat: bool = False) -> RouteResult:
+    """The score of the episode that `env` has just driven. bench2drive_compat: as Bench2Drive's tools compute it."""
     assert env.world is not None
     criteria = env.criteria
     return score_route(
@@ -50,8 +50,8 @@ def result_of(env: DrivingEnv, *, quirks: bool = False) -> RouteResult:
         signs_obeyed=criteria.obeyed_signs_at_first_junction(env.world),
         duration_s=env.world.time_s,
         reward=env.reward_sum,
-        efficiency=efficiency_percent(criteria.traffic_speed_percents(), quirks=quirks),
-        comfort=comfort_percent(np.array(env.motion).reshape(-1, 3), quirks=quirks),
+        efficiency=efficiency_percent(criteria.traffic_speed_percents(), bench2drive_compat=bench2drive_compat),
+        comfort=comfort_percent(np.array(env.motion).reshape(-1, 3), bench2drive_compat=bench2drive_compat),
     )
 
 
@@ -73,7 +73,7 @@ def drive_route(
     on_tick: OnTick = lambda tick, decision: None,
     max_ticks: int | None = None,
     *,
-    quirks: bool = False,
+    bench2drive_compat: bool = False,
 ) -> Drive:
     """Drive a route to its end, or for `max_ticks`."""
     factory = RosbagsFactory()
@@ -82,7 +82,7 @@ def drive_route(
     gate = Gate(config.gate_limits(load_timing()), config.motion_limits(), steady=False)
     driver.reset(driver_seed(route))
     tick, _ = env.reset_to(route)
-    drive = Drive(result_of(env, quirks=quirks))
+    drive = Drive(result_of(env, bench2drive_compat=bench2drive_compat))
     while not env.done and (max_ticks is None or len(drive.controls) < max_ticks):
         started = time.perf_counter()
         decision = driver.control(env, as_received(factory, tick), tick)
@@ -96,5 +96,5 @@ def drive_route(
         drive.rewards.append(reward)
         drive.terms.append(tick.info['reward_terms'])
         drive.tick_ms.append((time.perf_counter() - started) * 1e3)
-    drive.result = result_of(env, quirks=quirks)
+    drive.result = result_of(env, bench2drive_compat=bench2drive_compat)
     return drive

@@ -17,7 +17,7 @@ import numpy as np
 from raw2drive_ros.contract import Decision
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.errors import ResultsError
-from raw2drive_ros.evaluation.drivers import Blindfold, EpisodeDriver, make_driver
+from raw2drive_ros.evaluation.drivers import BlindfoldedDriver, EpisodeDriver, make_driver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.metrics import RouteResult, failed_route
 from raw2drive_ros.evaluation.statistics import Results, by_ability, flaky, summary
@@ -54,7 +54,7 @@ class DriverSpec:
         driver = make_driver(self.name, self.bundle, self.run, 0.0, self.threads)
         if self.table:
             driver = through_table(self.name, driver)
-        return Blindfold(driver) if self.blind else driver
+        return BlindfoldedDriver(driver) if self.blind else driver
 
     def identity(self) -> str:
         """Tells results of different drivers apart: by their weights, not by where those lie."""
@@ -72,13 +72,13 @@ class DriverSpec:
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """How routes are driven. quirks: score as Bench2Drive's tools do. observe, strips: what watches drives, and the
-    folder for what it saved of the failed ones."""
+    """How routes are driven. bench2drive_compat: score as Bench2Drive's tools do. observe, filmstrips: what watches
+    drives, and the folder for what it saved of the failed ones."""
 
     image_size: tuple[int, int] = (96, 160)
-    quirks: bool = False
+    bench2drive_compat: bool = False
     observe: Callable[[], Observer] | None = None
-    strips: Path | None = None
+    filmstrips: Path | None = None
 
 
 def timing_of(tick_ms: list[float], lost: int = 0) -> dict[str, Any]:
@@ -116,23 +116,24 @@ class RouteRunner:
                 observer.see(self.env, tick)
 
         try:
-            drive = drive_route(self.env, self.driver, route, on_tick, quirks=self.conditions.quirks)
+            compat = self.conditions.bench2drive_compat
+            drive = drive_route(self.env, self.driver, route, on_tick, bench2drive_compat=compat)
         except Exception as error:
             traceback.print_exc()
             return failed_route(route, f'{type(error).__name__}: {error}'), []
-        if observer is not None and self.conditions.strips is not None and not drive.result.success:
-            observer.save(strip_path(self.conditions.strips, str(route)))
+        if observer is not None and self.conditions.filmstrips is not None and not drive.result.success:
+            observer.save(filmstrip_path(self.conditions.filmstrips, str(route)))
         return drive.result, drive.tick_ms
 
 
-def strips_of(results_file: Path) -> Path:
+def filmstrips_of(results_file: Path) -> Path:
     """Folder of the pictures of failed routes that belong to a file of results."""
-    return results_file.with_suffix('.strips')
+    return results_file.with_suffix('.filmstrips')
 
 
-def strip_path(strips: Path, route_id: str) -> Path:
+def filmstrip_path(filmstrips: Path, route_id: str) -> Path:
     """The pictures of one failed route."""
-    return strips / f'{route_id.replace("/", "_")}.jpg'
+    return filmstrips / f'{route_id.replace("/", "_")}.jpg'
 
 
 _runner: RouteRunner | None = None
@@ -175,7 +176,8 @@ def evaluate(
     not driven again. Raises ResultsError when it belongs to another driver or suite.
     """
     conditions = conditions or Conditions()
-    file = RowsFile(lines, header_of(spec.identity(), suite, version, routes, quirks=conditions.quirks))
+    compat = conditions.bench2drive_compat
+    file = RowsFile(lines, header_of(spec.identity(), suite, version, routes, bench2drive_compat=compat))
     tick_ms: list[float] = []
     jobs = [route for route in routes if route not in file.rows]
     for result, times in _driven(spec, conditions, jobs, workers):
@@ -221,7 +223,7 @@ def summarise(
 
 
 def header_of(
-    identity: str, suite: str, version: str, routes: Sequence[RouteId], *, quirks: bool = False
+    identity: str, suite: str, version: str, routes: Sequence[RouteId], *, bench2drive_compat: bool = False
 ) -> dict[str, Any]:
     """The first record of a file of results."""
     return {
@@ -230,7 +232,7 @@ def header_of(
         'driver': identity,
         'suite': suite,
         'version': version,
-        'quirks': quirks,
+        'bench2drive_compat': bench2drive_compat,
         'routes': [str(route) for route in routes],
     }
 
@@ -266,7 +268,7 @@ class RowsFile:
             strange = [route for route in first['routes'] if route not in wanted]
         except (ValueError, TypeError, KeyError) as error:
             raise ResultsError(f'{path}: damaged results ({error}); move it away or give another --out') from error
-        same = ('driver', 'suite', 'version', 'quirks')
+        same = ('driver', 'suite', 'version', 'bench2drive_compat')
         different = [f'{key} {first.get(key)!r}, not {header[key]!r}' for key in same if first.get(key) != header[key]]
         if strange:
             different.append(f'{strange[0]}, which is not asked for now')

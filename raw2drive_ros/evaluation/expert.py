@@ -1,6 +1,6 @@
-"""A privileged expert without learning: it tries speeds and offsets in a twin of the simulation and takes the best.
+"""A privileged expert without learning: it tries speeds and offsets in a fork of the simulation and takes the best.
 
-It bounds what is solvable on a route: the twin holds every trigger and every intention, which no fair
+It bounds what is solvable on a route: the fork holds every trigger and every intention, which no fair
 driver knows. Pure pursuit steers; the plan is a share of the speed limit and a lateral offset, kept for
 `REPLAN_TICKS` decisions.
 """
@@ -50,8 +50,8 @@ class Plan:
     hold: bool = False
 
 
-class Expert:
-    """control(world) -> Control. Deterministic. stride: of the twins in which plans are rehearsed (`World.fork`)."""
+class ExpertDriver:
+    """control(world) -> Control. Deterministic. stride: of the forks in which plans are rehearsed (`World.fork`)."""
 
     def __init__(self, stride: int = 1) -> None:
         self.stride = stride
@@ -111,33 +111,33 @@ def detour_zone(world: World) -> tuple[float, float] | None:
 
 
 def rehearse(world: World, plan: Plan, until_s_m: float | None = None, stride: int = 1) -> tuple[float, bool]:
-    """(score, clean) of driving `plan` in a twin. Score: metres of progress minus penalties.
+    """(score, clean) of driving `plan` in a fork. Score: metres of progress minus penalties.
 
     For `HORIZON_S`, or, where that is given, until the route's arc length `until_s_m` is reached; not to
     reach it within `PASS_LIMIT_S` is not clean.
     """
-    twin = world.fork(stride)
-    start_s_m = twin.route_s_m
+    fork = world.fork(stride)
+    start_s_m = fork.route_s_m
     penalty = 0.0
     horizon_s = HORIZON_S if until_s_m is None else PASS_LIMIT_S
     for tick in range(round(horizon_s * DECISION_HZ)):
-        if until_s_m is not None and twin.route_s_m >= until_s_m:
-            return twin.route_s_m - start_s_m - penalty, penalty == 0.0
-        control = follow(twin, plan)
+        if until_s_m is not None and fork.route_s_m >= until_s_m:
+            return fork.route_s_m - start_s_m - penalty, penalty == 0.0
+        control = follow(fork, plan)
         for _ in range(SUBSTEPS // stride):
-            twin.step(control)
-        if hits(twin):
+            fork.step(control)
+        if hits(fork):
             # Later is better: it leaves time for another plan.
             penalty += 200.0 - tick
             break
-        if _forces_others(twin):
+        if _forces_others(fork):
             penalty += 1.5
-        aside = abs(twin.route_lateral_m - twin.way_offset_m(twin.route_s_m) - plan.offset_m)
-        penalty += 0.4 * max(0.0, aside - 1.2) + (OFF_ROAD_PENALTY if beside_route_m(twin) > EDGE_M else 0.0)
-        if twin.goal_s_m - twin.route_s_m < 9.0:
+        aside = abs(fork.route_lateral_m - fork.way_offset_m(fork.route_s_m) - plan.offset_m)
+        penalty += 0.4 * max(0.0, aside - 1.2) + (OFF_ROAD_PENALTY if beside_route_m(fork) > EDGE_M else 0.0)
+        if fork.goal_s_m - fork.route_s_m < 9.0:
             return 500.0 - 2.0 * tick - penalty, penalty == 0.0
     clean = penalty == 0.0 and until_s_m is None
-    return twin.route_s_m - start_s_m - penalty - 0.5 * abs(plan.offset_m), clean
+    return fork.route_s_m - start_s_m - penalty - 0.5 * abs(plan.offset_m), clean
 
 
 def hits(world: World, margin_m: float = MARGIN_M) -> bool:

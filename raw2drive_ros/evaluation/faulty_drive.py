@@ -26,8 +26,8 @@ from raw2drive_ros.driving.raw_planner import RawPlanner
 from raw2drive_ros.errors import ContractError
 from raw2drive_ros.evaluation.episode import result_of
 from raw2drive_ros.evaluation.metrics import RouteResult
+from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.faults.injector import Injector
-from raw2drive_ros.recording.tick_messages import TickMessages
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.timing import load_timing

@@ -21,7 +21,7 @@ COEFFICIENTS = {
 BOOTSTRAP_SAMPLES = 2000
 ABILITIES = ('Merging', 'Overtaking', 'EmergencyBrake', 'GiveWay', 'TrafficSign')
 EFFICIENCY_LIMIT_PERCENT = 1000.0
-NO_TRAFFIC_QUIRK_PERCENT = 100.0
+NO_TRAFFIC_COMPAT_PERCENT = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +61,12 @@ def infraction_score(events: dict[str, int], outside_percent: float) -> float:
     return score
 
 
-def efficiency_percent(percents: Sequence[float], *, quirks: bool = False) -> float | None:
+def efficiency_percent(percents: Sequence[float], *, bench2drive_compat: bool = False) -> float | None:
     """Mean of a route's speed checkpoints, values above 1000 % left out. Without traffic to compare with it is
-    undefined; Bench2Drive says 100 % then (`quirks`)."""
+    undefined; Bench2Drive says 100 % then (`bench2drive_compat`)."""
     kept = [percent for percent in percents if percent <= EFFICIENCY_LIMIT_PERCENT]
     if not kept:
-        return NO_TRAFFIC_QUIRK_PERCENT if quirks else None
+        return NO_TRAFFIC_COMPAT_PERCENT if bench2drive_compat else None
     return float(np.mean(kept))
 
 

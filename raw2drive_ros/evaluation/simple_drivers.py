@@ -23,7 +23,7 @@ def constant_speed(world: World) -> Control:
     return pedals(world, 1.5 * (CONSTANT_SPEED_MPS - speed), pursuit_steer(world))
 
 
-class IdmMobil:
+class IdmMobilDriver:
     """highway-env's IDM with its own parameters, behind whatever is in the ego's corridor, and its MOBIL between
     the lanes that run the ego's way: off the route's lane for a gain, back to it where nothing is lost. No lights,
     no signs.

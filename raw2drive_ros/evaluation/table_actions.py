@@ -13,7 +13,7 @@ import numpy as np
 
 from raw2drive_ros.actions import ACTIONS, BRAKE_ACTION
 from raw2drive_ros.contract import Control, Decision, SensorFrame
-from raw2drive_ros.evaluation.drivers import EpisodeDriver, expert_episodes
+from raw2drive_ros.evaluation.drivers import EpisodeDriver, expert_driver
 from raw2drive_ros.evaluation.expert import REPLAN_TICKS
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
@@ -43,7 +43,7 @@ def table_action(world: World, wanted: Control) -> int:
     return ROLLING[int(np.argmin(cost))]
 
 
-class TableActions:
+class TableActionDriver:
     """Another driver, its commands turned into actions of the table.
 
     noise: chance per tick of a burst of one random action, in half of the episodes, for bags that show how to recover.
@@ -71,13 +71,13 @@ class TableActions:
         return Decision(frame.stamp_ns, ACTIONS[action], action, info={'advice': advice} if self.advises else {})
 
 
-def through_table(name: str, driver: EpisodeDriver, noise: float = 0.0) -> TableActions:
+def through_table(name: str, driver: EpisodeDriver, noise: float = 0.0) -> TableActionDriver:
     """A driver by its name as `--table` makes it: the expert rehearses coarsely and its bags hold what it wanted."""
     is_expert = name == 'expert'
-    return TableActions(expert_episodes(coarse=True) if is_expert else driver, noise, advises=is_expert)
+    return TableActionDriver(expert_driver(coarse=True) if is_expert else driver, noise, advises=is_expert)
 
 
-class Advised:
+class AdvisedDriver:
     """A driver with another one beside it, who says what it would do in that state (as DAgger asks).
 
     every: the adviser is asked at `ASKED_TICKS` ticks in a row out of so many. Planning is what it costs, a plan holds

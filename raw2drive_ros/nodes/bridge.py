@@ -27,12 +27,12 @@ from raw2drive_ros.errors import NodeError, UnknownScenarioError, UnknownWeather
 from raw2drive_ros.evaluation.drivers import EpisodeDriver, make_driver
 from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
 from raw2drive_ros.evaluation.evaluate import timing_of
+from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.nodes.command_wait import CommandWait
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import run_node
-from raw2drive_ros.recording.tick_messages import TickMessages
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario
@@ -52,9 +52,12 @@ class BridgeNode(Node):
                 'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
                 'seed': (0, 'seed for ~/reset and for endless driving'),
                 'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
-                'co_driver': ('', 'a driver that reads the simulation and proposes commands in the place of a planner'),
-                'co_driver_run': ('', 'stage-1 run of co-driver privileged'),
-                'quirks': (False, 'efficiency and comfort as Bench2Drive computes them'),
+                'sim_driver': (
+                    '',
+                    'a driver that reads the simulation and proposes commands in place of a planner',
+                ),
+                'sim_driver_run': ('', 'stage-1 run of sim driver privileged'),
+                'bench2drive_compat': (False, 'efficiency and comfort as Bench2Drive computes them'),
                 'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
                 'image_height': (96, 'camera image height in pixels'),
                 'image_width': (160, 'camera image width in pixels'),
@@ -76,8 +79,8 @@ class BridgeNode(Node):
         self.compressed = wants_compressed(p['image_transport'])
         self.queue = _parse_episodes(p['episodes'])
         self.endless = not self.queue or bool(p['loop'])
-        self.co_driver = _co_driver(p['co_driver'], p['co_driver_run'])
-        cameras = self.co_driver is None or self.co_driver.needs_cameras
+        self.sim_driver = _sim_driver(p['sim_driver'], p['sim_driver_run'])
+        cameras = self.sim_driver is None or self.sim_driver.needs_cameras
         config = SimulationConfig(
             (p['image_height'], p['image_width']), cameras=cameras, bev=p['bev'], end_on_infraction=False
         )
@@ -89,7 +92,7 @@ class BridgeNode(Node):
         for spec in topics.TOPICS:
             if spec.publisher.startswith('bridge'):
                 self.outputs[spec.name] = make_publisher(self, spec.name)
-        if self.co_driver is not None:
+        if self.sim_driver is not None:
             self.outputs[topics.PROPOSED] = make_publisher(self, topics.PROPOSED)
         self.create_service(Trigger, '~/reset', self._on_reset)
         # Only a gate that was told that all this is a simulation has it.
@@ -135,8 +138,8 @@ class BridgeNode(Node):
     def _drive(self, route: RouteId, index: int) -> None:
         tick, _ = self.env.reset_to(route)
         self.episode = str(route)
-        if self.co_driver is not None:
-            self.co_driver.reset(driver_seed(route))
+        if self.sim_driver is not None:
+            self.sim_driver.reset(driver_seed(route))
         self._publish_route(tick)
         self._start_gate_over()
         ticks = 0
@@ -145,8 +148,8 @@ class BridgeNode(Node):
         while not self.env.done and (not limit or ticks < limit):
             self.tick_started = time.perf_counter()
             self._publish(tick)
-            if self.co_driver is not None:
-                self._propose(self.co_driver.control(self.env, as_received(self.messages.factory, tick), tick))
+            if self.sim_driver is not None:
+                self._propose(self.sim_driver.control(self.env, as_received(self.messages.factory, tick), tick))
             control = self.commands.wait(
                 tick.stamp_ns,
                 self.executor_,
@@ -165,7 +168,7 @@ class BridgeNode(Node):
                 self._progress(index, ticks)
                 self._publish_route(tick, wait=False)
         self._publish(tick)
-        self.results.append(result_of(self.env, quirks=self.p['quirks']).to_json())
+        self.results.append(result_of(self.env, bench2drive_compat=self.p['bench2drive_compat']).to_json())
         if self.p['rows_file']:
             with Path(self.p['rows_file']).open('a') as file:
                 file.write(json.dumps(self.results[-1]) + '\n')
@@ -263,7 +266,7 @@ class BridgeNode(Node):
         # Discovery matches topic by topic: every sensor topic counts, not only the first.
         unused = {topics.IMU_EXTRINSICS}
         unused |= {(topics.image_topic if self.compressed else topics.compressed_topic)(c) for c in topics.CAMERAS}
-        if self.co_driver is not None:
+        if self.sim_driver is not None:
             sensors = [self.outputs[topics.PROPOSED]]
         else:
             sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name not in unused]
@@ -325,10 +328,10 @@ def _whole_number(value: int) -> None:
         raise ValueError(f'seed {value}: give 0 or more')
 
 
-def _co_driver(name: str, run: str) -> EpisodeDriver | None:
+def _sim_driver(name: str, run: str) -> EpisodeDriver | None:
     """Raises NodeError for the raw driver, which is the planner's; UnknownDriverError, CheckpointError."""
     if name == 'raw':
-        raise NodeError('co_driver: the raw driver runs in the planner node')
+        raise NodeError('sim_driver: the raw driver runs in the planner node')
     return make_driver(name, run=Path(run) if run else None) if name else None
 
 

@@ -15,12 +15,12 @@ from raw2drive_ros import topics
 from raw2drive_ros.carla_vehicle.client import CarlaSettings, CarlaTick, CarlaVehicle
 from raw2drive_ros.contract import Control
 from raw2drive_ros.driving.bundle import load_bundle
+from raw2drive_ros.evaluation.tick_messages import IMU_X_M, TickMessages
 from raw2drive_ros.nodes.command_wait import CommandWait
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
-from raw2drive_ros.recording.tick_messages import IMU_X_M, TickMessages
 from raw2drive_ros.settings import default_bundle
 
 DEFAULTS = CarlaSettings(imu_x_m=IMU_X_M)

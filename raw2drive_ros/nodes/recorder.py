@@ -21,7 +21,7 @@ from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class
 from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_clock
 from raw2drive_ros.recording.bag_reader import partial_folder
-from raw2drive_ros.recording.recording import Recording, RingBuffer
+from raw2drive_ros.recording.recorder import Recording, RingBuffer
 
 DEPTH = 200
 DRAIN_QUIET_S = 0.1

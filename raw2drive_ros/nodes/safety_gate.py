@@ -150,7 +150,7 @@ class SafetyGateNode(Node):
         return response
 
     def _look_around(self, now: Moment) -> None:
-        self.gate.crowd(self.count_publishers(topics.PROPOSED), self.count_publishers(topics.COMMAND), now)
+        self.gate.publisher_counts(self.count_publishers(topics.PROPOSED), self.count_publishers(topics.COMMAND), now)
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
         level = {GateState.DRIVING: OK, GateState.WAITING: WARN}.get(self.gate.state, ERROR)

@@ -32,9 +32,9 @@ ONE_A_STAMP = frozenset(
 
 
 @contextmanager
-def whole_bag(out: Path, facts: dict[str, str]) -> Iterator[BagWriter]:
+def whole_bag(out: Path, metadata: dict[str, str]) -> Iterator[BagWriter]:
     """A writer whose bag appears when the block is left without an error, and of which nothing stays otherwise."""
-    writer = BagWriter(out, facts)
+    writer = BagWriter(out, metadata)
     try:
         yield writer
         writer.close()
@@ -64,9 +64,9 @@ def cut(
         lasts_s = (reader.end_time - begins_ns) * 1e-9
         start_ns = begins_ns + round(min(start_s, lasts_s + 1.0) * 1e9)
         end_ns = reader.end_time + 1 if end_s > lasts_s else begins_ns + round(end_s * 1e9)
-        facts = provenance_of(bag) | {'cut_from': bag.name, 'cut': f'{start_s:g} s to {end_s:g} s'}
+        metadata = provenance_of(bag) | {'cut_from': bag.name, 'cut': f'{start_s:g} s to {end_s:g} s'}
         latched: dict[str, tuple[Any, bytes]] = {}
-        with whole_bag(out, facts) as writer:
+        with whole_bag(out, metadata) as writer:
             for connection, stamp_ns, data in messages_in(reader, connections=matching):
                 if stamp_ns >= end_ns:
                     continue
@@ -111,11 +111,11 @@ def merge(bags: list[Path], out: Path) -> Merged:
         for bag, reader in zip(bags, readers, strict=True):
             _require_messages(bag, reader)
         _require_one_clock(bags, readers)
-        facts = {'merged_from': ', '.join(bag.name for bag in bags)}
+        metadata = {'merged_from': ', '.join(bag.name for bag in bags)}
         for number, bag in enumerate(bags):
-            facts |= {f'{number}_{key}': value for key, value in provenance_of(bag).items()}
+            metadata |= {f'{number}_{key}': value for key, value in provenance_of(bag).items()}
         doubled = 0
-        with whole_bag(out, facts) as writer:
+        with whole_bag(out, metadata) as writer:
             streams = [_stream(reader, number) for number, reader in enumerate(readers)]
             merged = heapq.merge(*streams, key=lambda item: item[:3])
             for stamp_ns, together in itertools.groupby(merged, key=lambda item: item[0]):

@@ -124,18 +124,18 @@ class BagWriter:
         self.writer = Writer(self.partial, version=9, storage_plugin=StoragePlugin.MCAP)
         if compress:
             self.writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        facts = {
+        metadata = {
             'raw2drive_version': __version__,
             'git': git_revision(),
             'recorded_on': platform.machine(),
             'recorded_at': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()),
         }
-        facts |= provenance or {}
-        for key, value in facts.items():
+        metadata |= provenance or {}
+        for key, value in metadata.items():
             self.writer.set_custom_data(key, value)
         self.writer.open()
         # metadata.yaml comes when the bag is closed; who is killed before that leaves this.
-        (self.root / PROVENANCE).write_text(json.dumps(facts))
+        (self.root / PROVENANCE).write_text(json.dumps(metadata))
         self.connections: dict[str, Connection] = {}
         self.counts: dict[str, int] = {}
         self.bytes = self.checked_bytes = 0

@@ -52,8 +52,8 @@ def recover(path: Path, out: Path) -> Recovery:
     """
     files = find_mcap(path)
     found = Recovery(out)
-    facts = _facts(files[0]) | {'recovered_from': path.name}
-    with whole_bag(out, facts) as bag:
+    metadata = _facts(files[0]) | {'recovered_from': path.name}
+    with whole_bag(out, metadata) as bag:
         for file in files:
             _copy(file, bag, found)
         if not bag.counts:

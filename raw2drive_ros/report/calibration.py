@@ -20,9 +20,9 @@ from torch import Tensor
 
 from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.contract import Float64
-from raw2drive_ros.recording.dataset import FIRST, LAST, TERMINAL, BagArrays
-from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.training.dataset import FIRST, LAST, TERMINAL, BagArrays
 from raw2drive_ros.training.privileged import PrivilegedTrainer
+from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.rssm import State
 
 HORIZONS = (1, 5, 10)
@@ -85,7 +85,7 @@ def episodes_of(flags: NDArray[np.uint8]) -> list[slice]:
     return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(flags)], strict=True)]
 
 
-class Judge:
+class CalibrationProbe:
     """Filters and imagines with generators of its own; the same bags in the same order give the same numbers.
 
     samples: imagined futures of each state, whose mean is the predicted probability."""

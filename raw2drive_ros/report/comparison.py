@@ -50,7 +50,7 @@ def statistics_of(paths: Sequence[Path], runs: Sequence[Results]) -> dict[str, A
                 'name': letter,
                 'file': path.name,
                 'driver': run.driver,
-                'quirks': bool(run.header.get('quirks')),
+                'bench2drive_compat': bool(run.header.get('bench2drive_compat')),
                 'summary': summary(run),
                 'abilities': by_ability(run),
                 'types': by_type(run),

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros.evaluation.evaluate import strip_path, strips_of
+from raw2drive_ros.evaluation.evaluate import filmstrip_path, filmstrips_of
 from raw2drive_ros.evaluation.statistics import Results, id_of
 from raw2drive_ros.simulation.route_id import RouteId
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """picture: the strip as base64 JPEG, or ''. note: why there is none."""
+    """picture: the filmstrip as base64 JPEG, or ''. note: why there is none."""
 
     row: dict[str, Any]
     command: str
@@ -39,7 +39,7 @@ def failures_of(results_file: Path, results: Results, max_strips: int) -> list[F
     found: list[Failure] = []
     shown = 0
     for row in sorted((r for r in results.rows if not r['success']), key=lambda r: r['driving_score']):
-        path = strip_path(strips_of(results_file), row['id'])
+        path = filmstrip_path(filmstrips_of(results_file), row['id'])
         picture, note = '', ''
         if not path.is_file():
             note = 'no picture was recorded'

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import cv2
 
-from raw2drive_ros.evaluation.drivers import rule_episodes
+from raw2drive_ros.evaluation.drivers import rule_driver
 from raw2drive_ros.evaluation.suites import benchmark_types
 from raw2drive_ros.report.scene import save_picture
 from raw2drive_ros.simulation.route_id import RouteId
@@ -45,7 +45,7 @@ def write_gallery(folder: Path, advance: Callable[[int], None] = lambda done: No
     with tempfile.TemporaryDirectory(prefix='raw2drive_') as scratch:
         for done, name in enumerate(benchmark_types(), 1):
             picture = Path(scratch) / f'{name}.png'
-            whole = cv2.imread(str(save_picture(picture, RouteId(name, 0), IMAGE_SIZE, rule_episodes(), SECONDS)))
+            whole = cv2.imread(str(save_picture(picture, RouteId(name, 0), IMAGE_SIZE, rule_driver(), SECONDS)))
             size = (WIDTH_PX, round(whole.shape[0] * WIDTH_PX / whole.shape[1]))
             small = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
             target = pictures / f'{name}.jpg'

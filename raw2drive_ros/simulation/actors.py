@@ -76,7 +76,7 @@ class Look:
 class PathVehicle(Vehicle):
     """Traffic on a fixed path: IDM towards whatever occupies the path ahead, and to closed stop lines.
 
-    heedless: sees nobody (a driver who takes the right of way). steered: sets the speed while it lasts.
+    ignores_traffic: sees nobody (a driver who takes the right of way). steered: sets the speed while it lasts.
     gap_m, closing_mps: free gap to what is first on the path, and how fast it closes; set by the world.
     """
 
@@ -89,7 +89,7 @@ class PathVehicle(Vehicle):
         kind: str = 'car',
         look: Look | None = None,
         scripts: tuple[Script, ...] = (),
-        heedless: bool = False,
+        ignores_traffic: bool = False,
         waits_at_m: tuple[tuple[float, Callable[[World], bool]], ...] = (),
         lateral_m: float = 0.0,
         steered: Meeting | Pacing | None = None,
@@ -106,7 +106,7 @@ class PathVehicle(Vehicle):
         (look or Look(kind)).put_on(self)
         # Scripts remember that they fired, so every vehicle needs its own.
         self.scripts = [copy.copy(script) for script in scripts]
-        self.heedless = heedless
+        self.ignores_traffic = ignores_traffic
         self.waits_at_m = waits_at_m
         self.base_lateral_m = self.lateral_m = lateral_m
         self.steered = steered
@@ -251,15 +251,15 @@ class CarDoor(StandingObject):
 Actor = PathVehicle | Walker | StandingObject
 
 
-def twin_of(actor: Actor) -> Actor:
+def fork_of(actor: Actor) -> Actor:
     """An independent copy that shares what never changes (paths, sizes)."""
     if type(actor) is StandingObject:
         return actor
-    twin = copy.copy(actor)
-    twin.position = actor.position.copy()
-    if isinstance(twin, PathVehicle):
-        twin.scripts = [copy.copy(script) for script in twin.scripts]
-    return twin
+    fork = copy.copy(actor)
+    fork.position = actor.position.copy()
+    if isinstance(fork, PathVehicle):
+        fork.scripts = [copy.copy(script) for script in fork.scripts]
+    return fork
 
 
 def corners_m(x: float, y: float, yaw: float, length: float, width: float) -> Float64:

@@ -37,13 +37,13 @@ Ints = NDArray[Any]
 def find_leaders(world: World, vehicles: Sequence[PathVehicle]) -> None:
     """Set `gap_m` and `closing_mps` of each vehicle: to the first thing on its path ahead, or (inf, 0).
 
-    The heedless get none.
+    Those that ignore traffic get none.
     """
     groups: dict[int, list[PathVehicle]] = {}
     for vehicle in vehicles:
         groups.setdefault(id(vehicle.path), []).append(vehicle)
     for group in groups.values():
-        followers = [vehicle for vehicle in group if not vehicle.heedless]
+        followers = [vehicle for vehicle in group if not vehicle.ignores_traffic]
         if followers:
             _behind_one_another(group, followers)
             _behind_others(world, group, followers)

@@ -71,7 +71,7 @@ class TrafficSpec:
     target_speed_mps: float | None = None
     kind: str = 'car'
     scripts: tuple[Script, ...] = ()
-    heedless: bool = False
+    ignores_traffic: bool = False
     junction: int = 0
     obeys_light: bool = False
     lateral_m: float = 0.0
@@ -206,7 +206,9 @@ def load_scenarios() -> dict[str, Scenario]:
 def get_scenario(name: str) -> Scenario:
     known = load_scenarios()
     if name not in known:
-        raise UnknownScenarioError(f'unknown scenario {name!r}; known: {", ".join(known)} (see `raw2drive sim --list`)')
+        raise UnknownScenarioError(
+            f'unknown scenario {name!r}; known: {", ".join(known)} (see `raw2drive scenario list`)'
+        )
     return known[name]
 
 

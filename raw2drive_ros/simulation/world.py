@@ -10,7 +10,7 @@ import numpy as np
 
 from raw2drive_ros.contract import Control, Float64
 from raw2drive_ros.errors import LayoutError
-from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, twin_of
+from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, fork_of
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.leaders import find_leaders
@@ -119,23 +119,23 @@ class World:
         self._refresh()
 
     def fork(self, stride: int = 1) -> World:
-        """A twin that can be stepped without touching this world: for drivers that look ahead by simulating.
+        """A fork that can be stepped without touching this world: for drivers that look ahead by simulating.
 
-        stride: physics steps that one step of the twin makes in one go; coarser and faster.
+        stride: physics steps that one step of the fork makes in one go; coarser and faster.
         """
-        twin = copy.copy(self)
-        twin.stride = stride
-        twin.ego = copy.copy(self.ego)
-        twin.ego.position = self.ego.position.copy()
-        twin.actors = [twin_of(actor) for actor in self.actors]
-        twin.pending = [(time_s, twin_of(actor)) for time_s, actor in self.pending]
-        twin.waiting = [(s_m, time_s, twin_of(actor)) for s_m, time_s, actor in self.waiting]
-        twin.lights = [copy.copy(light) for light in self.lights]
-        twin.stop_signs = [copy.copy(sign) for sign in self.stop_signs]
-        twin.history = deque(maxlen=1)
-        twin.ego_history, twin.light_history = deque(maxlen=1), deque(maxlen=1)
-        twin._refresh()
-        return twin
+        fork = copy.copy(self)
+        fork.stride = stride
+        fork.ego = copy.copy(self.ego)
+        fork.ego.position = self.ego.position.copy()
+        fork.actors = [fork_of(actor) for actor in self.actors]
+        fork.pending = [(time_s, fork_of(actor)) for time_s, actor in self.pending]
+        fork.waiting = [(s_m, time_s, fork_of(actor)) for s_m, time_s, actor in self.waiting]
+        fork.lights = [copy.copy(light) for light in self.lights]
+        fork.stop_signs = [copy.copy(sign) for sign in self.stop_signs]
+        fork.history = deque(maxlen=1)
+        fork.ego_history, fork.light_history = deque(maxlen=1), deque(maxlen=1)
+        fork._refresh()
+        return fork
 
     def _let_in(self) -> None:
         """Traffic that is due drives into the world, one after another, where there is room."""
@@ -273,7 +273,7 @@ class World:
             spec.kind,
             look,
             spec.scripts,
-            spec.heedless,
+            spec.ignores_traffic,
             waits,
             spec.lateral_m,
             self._meeting(spec, path) if spec.meets_ego else spec.pacing,
@@ -359,7 +359,7 @@ def _offset_m(start_lane: float, base_lane: float, changes: tuple[LaneChange, ..
 
 
 def _speed_profile(route: Path, limit_mps: float) -> Float64:
-    """Advised speed every 0.5 m: the limit, less in curves, with braking distance before them."""
+    """AdvisedDriver speed every 0.5 m: the limit, less in curves, with braking distance before them."""
     headings = route.headings_rad
     curvature = np.abs(np.gradient(headings, 0.5))
     kernel = np.ones(9) / 9

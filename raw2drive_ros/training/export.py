@@ -7,8 +7,8 @@ from pathlib import Path
 
 from raw2drive_ros.driving.bundle import save_bundle
 from raw2drive_ros.errors import CheckpointError
-from raw2drive_ros.recording.dataset import rig_of
 from raw2drive_ros.training.checkpoint import load_weights, newest_checkpoint
+from raw2drive_ros.training.dataset import rig_of
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.teacher import load_teacher, read_run_config
 
@@ -23,11 +23,11 @@ def export_bundle(run: Path, target: Path) -> str:
     rig = rig_of(Path(body['bags'][0]['path']))
     trainer = RawTrainer(config, load_teacher(Path(body['teacher'])), rig, 1)
     load_weights(checkpoint, trainer)
-    facts = {
+    metadata = {
         'stage_2_steps': trainer.steps,
         'training_ticks': sum(b['ticks'] for b in body['bags']),
         'training_bags': [b['id'] for b in body['bags']],
         'preset': config.preset,
         'train': config.train.model_dump(mode='json'),
     }
-    return save_bundle(target, config.model, rig, trainer.model, trainer.policy.actor, facts)
+    return save_bundle(target, config.model, rig, trainer.model, trainer.policy.actor, metadata)

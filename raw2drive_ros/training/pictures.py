@@ -9,10 +9,10 @@ import numpy as np
 import torch
 
 from raw2drive_ros.bev_colours import colour_masks
-from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Batch
+from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.rssm import State
 
 CONTEXT = 5
@@ -69,7 +69,7 @@ def overlap_by_class(trainer: PrivilegedTrainer | RawTrainer, batch: Batch) -> d
 
 
 def save_pictures(folder: Path, trainer: PrivilegedTrainer | RawTrainer, batch: Batch, codec: MaskCodec) -> Path:
-    """A strip of truth, reconstruction and imagination over time, as `folder/<step>.png`."""
+    """A filmstrip of truth, reconstruction and imagination over time, as `folder/<step>.png`."""
     folder.mkdir(parents=True, exist_ok=True)
     posterior, dreamed = open_loop(trainer, batch)
     names = list(trainer.config.model.mask_classes)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.recording.dataset import FIRST, TERMINAL, BagArrays
-from raw2drive_ros.recording.masks import MaskCodec
+from raw2drive_ros.training.dataset import FIRST, TERMINAL, BagArrays
 from raw2drive_ros.training.parallel import ALONE, Ranks
+from raw2drive_ros.world_model.mask_codec import MaskCodec
 
 
 @dataclass(slots=True)

@@ -17,10 +17,9 @@ import torch
 
 from raw2drive_ros.errors import CheckpointError
 from raw2drive_ros.recording.bag_reader import find_bags
-from raw2drive_ros.recording.dataset import BagArrays, load_bags, rig_of
-from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.training.checkpoint import Trainer, load_checkpoint, newest_checkpoint, save_checkpoint
 from raw2drive_ros.training.config import RunConfig, make_config, overridden
+from raw2drive_ros.training.dataset import BagArrays, load_bags, rig_of
 from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.pictures import overlap_by_class, save_pictures
@@ -28,6 +27,7 @@ from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
 from raw2drive_ros.training.teacher import load_teacher, read_run_config
+from raw2drive_ros.world_model.mask_codec import MaskCodec
 
 Report = Callable[[int, dict[str, float]], None]
 
@@ -54,9 +54,9 @@ class RunFolder:
                 raise CheckpointError(f'{self.path}: another process is training there') from error
             yield
 
-    def save_config(self, config: RunConfig, facts: dict[str, Any]) -> None:
+    def save_config(self, config: RunConfig, metadata: dict[str, Any]) -> None:
         self.path.mkdir(parents=True, exist_ok=True)
-        body = {'config': config.model_dump(mode='json')} | facts
+        body = {'config': config.model_dump(mode='json')} | metadata
         # Without it no checkpoint can be resumed.
         partial = self.path / 'config.partial'
         partial.write_text(json.dumps(body, indent=2))
@@ -136,14 +136,14 @@ def train(
                 raise CheckpointError(f'{run}: is a {state["stage"]} run, not a {stage} one')
         if ranks.leads:
             folder.truncate(trainer.steps)
-        facts = {
+        metadata = {
             'stage': stage,
             'teacher': str(teacher_run) if teacher_run else None,
             'processes': ranks.count,
             'bags': [{'path': str(b.path), 'id': b.identity, 'ticks': len(b)} for b in bags],
         }
         if ranks.leads:
-            folder.save_config(config, facts)
+            folder.save_config(config, metadata)
         _loop(trainer, replay, folder, steps, report, ranks, raw=raw)
     return trainer
 

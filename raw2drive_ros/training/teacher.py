@@ -2,7 +2,7 @@
 
 A teacher bundle is a folder of data:
 
-teacher.json   format, identity, configuration, action table hash, facts
+teacher.json   format, identity, configuration, action table hash, metadata
 weights.safetensors   float16 weights of the world model, the actor and the critic
 MODEL_CARD.md
 """
@@ -74,7 +74,7 @@ def teacher_identity(path: Path) -> str:
     return _hash((checkpoint_of(path) / 'tensors.safetensors').read_bytes())
 
 
-def save_teacher(target: Path, source: Path, facts: dict[str, Any]) -> str:
+def save_teacher(target: Path, source: Path, metadata: dict[str, Any]) -> str:
     """Write the teacher of a run or checkpoint as a bundle; returns its identity. Raises CheckpointError."""
     teacher = load_teacher(source)
     config = teacher.config
@@ -97,7 +97,7 @@ def save_teacher(target: Path, source: Path, facts: dict[str, Any]) -> str:
         'action_table': table_hash(),
         'steps': teacher.steps,
         'config': config.model_copy(update={'train': train}).model_dump(mode='json'),
-        'facts': facts,
+        'facts': metadata,
     }
     (partial / 'teacher.json').write_text(json.dumps(body, indent=2) + '\n')
     (partial / 'MODEL_CARD.md').write_text(_model_card(body))
@@ -106,17 +106,17 @@ def save_teacher(target: Path, source: Path, facts: dict[str, Any]) -> str:
     return str(body['identity'])
 
 
-def run_facts(run: Path) -> dict[str, Any]:
+def run_metadata(run: Path) -> dict[str, Any]:
     """What a model card says of a run: its bags, its length, its validation. Raises CheckpointError."""
     read_run_config(run)
     bags = json.loads((run / 'config.json').read_text())['bags']
-    facts: dict[str, Any] = {
+    metadata: dict[str, Any] = {
         'training_ticks': sum(bag['ticks'] for bag in bags),
         'training_bags': [bag['id'] for bag in bags],
     }
     if (run / BEST / 'score.json').is_file():
-        facts['validation'] = json.loads((run / BEST / 'score.json').read_text())
-    return facts
+        metadata['validation'] = json.loads((run / BEST / 'score.json').read_text())
+    return metadata
 
 
 def _read(path: Path) -> dict[str, Any]:

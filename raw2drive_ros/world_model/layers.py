@@ -7,7 +7,7 @@ import itertools
 import torch
 from torch import Tensor, nn
 
-from raw2drive_ros.world_model.hot import Hot, HotFeature
+from raw2drive_ros.world_model.one_hot_indices import OneHotIndices, SparseFeature
 
 
 class RmsNorm(nn.Module):
@@ -39,7 +39,7 @@ class Linear(nn.Linear):
         super().__init__(inputs, outputs)
         init_linear(self, scale)
 
-    def forward(self, x: Tensor | Hot | HotFeature) -> Tensor:
+    def forward(self, x: Tensor | OneHotIndices | SparseFeature) -> Tensor:
         return super().forward(x) if isinstance(x, Tensor) else x.through(self.weight, self.bias)
 
 

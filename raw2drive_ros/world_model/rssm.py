@@ -14,8 +14,8 @@ from torch import Tensor, nn
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.deferred import DeferredLinear
 from raw2drive_ros.world_model.distributions import mixed_log_probs, sample_classes, sample_one_hot, straight_through
-from raw2drive_ros.world_model.hot import Hot, HotFeature, worthwhile
 from raw2drive_ros.world_model.layers import BlockLinear, Dense, Linear, RmsNorm, ToCells
+from raw2drive_ros.world_model.one_hot_indices import OneHotIndices, SparseFeature, worthwhile
 
 
 @dataclass(slots=True)
@@ -39,12 +39,12 @@ class SparseState:
     """A `State` whose sample needs no gradient, with its one-hot groups as indices."""
 
     deter: Tensor
-    stoch: Hot
+    stoch: OneHotIndices
 
     @property
-    def feature(self) -> HotFeature:
+    def feature(self) -> SparseFeature:
         """What every head reads, too."""
-        return HotFeature(self.deter, self.stoch)
+        return SparseFeature(self.deter, self.stoch)
 
 
 Map = Callable[[Tensor], Tensor]
@@ -55,7 +55,7 @@ class Maps:
     """The linear maps of one step, as the modules themselves or with deferred weight gradients."""
 
     deter: Map
-    stoch: Callable[[Tensor | Hot], Tensor]
+    stoch: Callable[[Tensor | OneHotIndices], Tensor]
     core_own: Map
     core_shared: Map
     core_gates: Map
@@ -198,13 +198,13 @@ class Rssm(nn.Module):
     def sparse(self, state: State) -> State | SparseState:
         """For steps without gradients: the sample as indices where that is faster, else the state itself."""
         classes = self.config.classes
-        return SparseState(state.deter, Hot.of(state.stoch, classes)) if worthwhile(classes) else state
+        return SparseState(state.deter, OneHotIndices.of(state.stoch, classes)) if worthwhile(classes) else state
 
     def imagine(self, deter: Tensor, uniform: Tensor) -> State | SparseState:
         """h_t with a sample of the prior, without gradients; sparse as `sparse` says."""
         log_probs, classes = self.prior(deter), self.config.classes
         if worthwhile(classes):
-            return SparseState(deter, Hot.of_classes(sample_classes(log_probs, uniform), classes))
+            return SparseState(deter, OneHotIndices.of_classes(sample_classes(log_probs, uniform), classes))
         return State(deter, self.sample(log_probs, uniform))
 
     def observe(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.settings import default_bundle
 
 pytest.importorskip('carla', reason='extra carla')

@@ -316,15 +316,15 @@ def test_a_standing_car_may_hold_full_lock() -> None:
 
 def test_two_publishers_stop_and_keep_the_gate_from_starting() -> None:
     gate = driving_gate()
-    gate.crowd(1, 1, at(0.1))
+    gate.publisher_counts(1, 1, at(0.1))
     assert gate.state is GateState.DRIVING
-    gate.crowd(2, 1, at(0.1))
+    gate.publisher_counts(2, 1, at(0.1))
     assert gate.state is GateState.EMERGENCY_STOP
     assert gate.reason == 'more than one publisher of proposals'
     assert gate.activate() == 'more than one publisher of proposals'
-    gate.crowd(1, 1, at(0.2))
+    gate.publisher_counts(1, 1, at(0.2))
     assert gate.activate() == ''
-    gate.crowd(2, 3, at(0.3))
+    gate.publisher_counts(2, 3, at(0.3))
     assert gate.state is GateState.WAITING
     assert gate.propose(proposal(0.3), at(0.3)).throttle == 0.0
     assert gate.activate() == 'more than one publisher of proposals and of commands'
@@ -448,7 +448,7 @@ def test_whatever_happens_the_command_is_valid_and_silence_stops_the_car(events,
         elif kind == 'observe':
             gate.observe(steer * 20.0, now)
         elif kind in ('crowd', 'calm'):
-            gate.crowd(2 if kind == 'crowd' else 1, 1, now)
+            gate.publisher_counts(2 if kind == 'crowd' else 1, 1, now)
         elif kind == 'activate':
             stopped = stopped and gate.activate() != ''
         control = control or gate.tick(now)

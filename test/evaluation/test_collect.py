@@ -2,14 +2,14 @@
 
 from raw2drive_ros.contract import Control
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
-from raw2drive_ros.evaluation.drivers import WorldEpisodes
+from raw2drive_ros.evaluation.drivers import WorldDriver
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_ticks
 
 
 def _episodes(folder, **options) -> list[int]:
     """Ticks of each episode of a driver that brakes for ever."""
     config = CollectConfig(('VanillaNonSignalizedTurn',), ticks=100, cameras=False, **options)
-    for _ in collect(folder, config, WorldEpisodes(lambda seed: lambda world: Control(0.0, 1.0)), {'driver': 'none'}):
+    for _ in collect(folder, config, WorldDriver(lambda seed: lambda world: Control(0.0, 1.0)), {'driver': 'none'}):
         pass
     lengths: list[int] = []
     for path in find_bags([folder]):

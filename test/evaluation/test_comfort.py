@@ -1,4 +1,4 @@
-"""Comfort from hand-made motion: each limit breaks alone, and the quirks are Bench2Drive's."""
+"""Comfort from hand-made motion: each limit breaks alone, and the bench2drive_compat are Bench2Drive's."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_shorter_than_a_segment_is_undefined() -> None:
 def test_quirks_halve_jerk_and_take_degrees_for_radians() -> None:
     jerk = motion(longitudinal=lambda t: 6.0 * (t - 0.6))
     assert comfort_percent(jerk) == 0.0
-    assert comfort_percent(jerk, quirks=True) == 100.0
+    assert comfort_percent(jerk, bench2drive_compat=True) == 100.0
     turning = motion(yaw_rate=0.02)
     assert comfort_percent(turning) == 100.0
-    assert comfort_percent(turning, quirks=True) == 0.0, '1.15 deg/s is above 0.95'
+    assert comfort_percent(turning, bench2drive_compat=True) == 0.0, '1.15 deg/s is above 0.95'

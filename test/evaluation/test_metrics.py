@@ -6,7 +6,7 @@ import pytest
 from raw2drive_ros.errors import ResultsError, UnknownDriverError, UnknownScenarioError
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
-from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate, strip_path
+from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate, filmstrip_path
 from raw2drive_ros.evaluation.metrics import (
     bootstrap,
     efficiency_percent,
@@ -44,7 +44,7 @@ def test_success_needs_the_whole_route_and_no_infraction() -> None:
 def test_efficiency_leaves_out_extremes_and_is_undefined_without_traffic() -> None:
     assert efficiency_percent([50.0, 150.0, 1200.0]) == 100.0
     assert efficiency_percent([]) is None
-    assert efficiency_percent([], quirks=True) == 100.0
+    assert efficiency_percent([], bench2drive_compat=True) == 100.0
 
 
 def test_a_route_whose_drive_raises_is_a_failed_route_with_the_reason() -> None:
@@ -183,8 +183,8 @@ def test_repetitions_start_elsewhere_and_are_repeatable() -> None:
 
 
 def test_a_failed_route_leaves_a_strip_of_pictures(tmp_path) -> None:
-    from raw2drive_ros.report.strip import StripRecorder
+    from raw2drive_ros.report.filmstrip import FilmstripRecorder
 
     routes = [RouteId('BlockedIntersection', 0), RouteId('VanillaNonSignalizedTurn', 0)]
-    evaluate(DriverSpec('constant'), 'x', '1', routes, Conditions(observe=StripRecorder, strips=tmp_path))
-    assert list(tmp_path.iterdir()) == [strip_path(tmp_path, str(routes[0]))]
+    evaluate(DriverSpec('constant'), 'x', '1', routes, Conditions(observe=FilmstripRecorder, filmstrips=tmp_path))
+    assert list(tmp_path.iterdir()) == [filmstrip_path(tmp_path, str(routes[0]))]

@@ -55,7 +55,7 @@ def test_a_scene_whose_actors_crash_is_unfair(monkeypatch) -> None:
     from raw2drive_ros.simulation.scenario import RouteSpec, Scene, StandingSpec, TrafficSpec
 
     def draw(rng) -> Scene:
-        blind = TrafficSpec('backward', 80.0, 9.0, heedless=True)
+        blind = TrafficSpec('backward', 80.0, 9.0, ignores_traffic=True)
         wall = StandingSpec('barrier', 60.0, 3.5)
         return Scene(RoadLayout((Straight(200),), 1, 1), RouteSpec(), (blind, wall))
 

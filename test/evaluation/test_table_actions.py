@@ -8,7 +8,7 @@ from raw2drive_ros.contract import Control
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import as_received, drive_route
 from raw2drive_ros.evaluation.evaluate import DriverSpec, evaluate
-from raw2drive_ros.evaluation.table_actions import Advised, TableActions, table_action
+from raw2drive_ros.evaluation.table_actions import AdvisedDriver, TableActionDriver, table_action
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
 
@@ -47,13 +47,13 @@ def test_only_real_braking_brakes(env) -> None:
 @pytest.mark.parametrize('driver', ['rule', 'expert'])
 def test_drivers_still_stop_turn_and_arrive(driver) -> None:
     for kind in ('VanillaNonSignalizedTurnEncounterStopsign', 'JunctionTurns'):
-        drive = drive_route(DrivingEnv(FAST), TableActions(make_driver(driver)), RouteId(kind, 0))
+        drive = drive_route(DrivingEnv(FAST), TableActionDriver(make_driver(driver)), RouteId(kind, 0))
         assert drive.result.success, drive.result
         assert set(drive.controls) <= set(ACTIONS)
 
 
 def test_bursts_of_noise_do_not_change_the_advice(env) -> None:
-    table = TableActions(make_driver('constant'), noise=0.5, advises=True)
+    table = TableActionDriver(make_driver('constant'), noise=0.5, advises=True)
     seeds = [seed for seed in range(10) if table.reset(seed) or table.chance]
     table.reset(seeds[0])
     tick, _ = env.reset_to(RouteId('VanillaNonSignalizedTurn', 0))
@@ -71,7 +71,7 @@ def test_an_adviser_does_not_change_what_the_driver_does() -> None:
     route = RouteId('VanillaNonSignalizedTurn', 3)
     alone = drive_route(DrivingEnv(FAST), make_driver('rule'), route, max_ticks=120)
     heard = []
-    advised = Advised(make_driver('rule'), make_driver('expert'))
+    advised = AdvisedDriver(make_driver('rule'), make_driver('expert'))
     beside = drive_route(DrivingEnv(FAST), advised, route, lambda _, d: heard.append(d.info['advice']), max_ticks=120)
     assert alone.controls == beside.controls
     assert len(heard) == 120 and len(set(heard)) > 1
@@ -79,12 +79,12 @@ def test_an_adviser_does_not_change_what_the_driver_does() -> None:
 
 def test_an_adviser_may_be_asked_now_and_then() -> None:
     heard = []
-    advised = Advised(make_driver('rule'), make_driver('expert'), every=10)
+    advised = AdvisedDriver(make_driver('rule'), make_driver('expert'), every=10)
     route = RouteId('VanillaNonSignalizedTurn', 3)
     drive_route(DrivingEnv(FAST), advised, route, lambda _, d: heard.append('advice' in d.info), max_ticks=20)
     assert heard == ([True] * 4 + [False] * 6) * 2
     with pytest.raises(ValueError, match='too often'):
-        Advised(make_driver('rule'), make_driver('expert'), every=3)
+        AdvisedDriver(make_driver('rule'), make_driver('expert'), every=3)
 
 
 def _factory():

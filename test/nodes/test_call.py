@@ -2,8 +2,8 @@
 
 import pytest
 
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
 from raw2drive_ros.cli.main import main
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 
 
 def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, capsys) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 
 ROOT = Path(__file__).resolve().parents[2]
 BRIDGE = {'lock_step': False, 'wait_for_image_subscribers': 0, 'seed': 1}

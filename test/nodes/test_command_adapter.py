@@ -7,22 +7,22 @@ from pathlib import Path
 
 import pytest
 
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 
-PEER = Path(__file__).with_name('adapter_peer.py')
-ROOT = PEER.parents[2]
+PROBE = Path(__file__).with_name('adapter_probe.py')
+ROOT = PROBE.parents[2]
 
 
 def test_commands_silence_nan_and_lost_odometry(tmp_path) -> None:
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
         graph.start('command_adapter', {'output': 'twist', 'topic': '/car/cmd_vel'}, sim_time=False)
-        peer = subprocess.run(
-            [sys.executable, str(PEER)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=60
+        probe = subprocess.run(
+            [sys.executable, str(PROBE)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=60
         )
-        assert peer.returncode == 0, peer.stderr[-2000:]
+        assert probe.returncode == 0, probe.stderr[-2000:]
         graph.check()
         log = (tmp_path / 'command_adapter.log').read_text()
-    told = json.loads(peer.stdout.splitlines()[-1])
+    told = json.loads(probe.stdout.splitlines()[-1])
     assert all(len(messages) >= 5 for messages in told.values()), 'it is never silent'
     # 8 m/s, 0.5 s ahead: full throttle of 5 m/s2, or the brake's 0.6 of 8 m/s2.
     for phase, speed in {

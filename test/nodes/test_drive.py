@@ -10,8 +10,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
 from raw2drive_ros.cli.main import main
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 
 ROOT = Path(__file__).resolve().parents[2]
 WATCH = """

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from raw2drive_ros import topics
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
-from raw2drive_ros.cli.graph_drive import GraphJob, drive_graph, evaluate_graph
 from raw2drive_ros.errors import DomainBusyError, GraphError
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate
 from raw2drive_ros.evaluation.verify import recorded_proposals, verify_bag
+from raw2drive_ros.graph.drive import GraphJob, drive_graph, evaluate_graph
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag, read_ticks
 from raw2drive_ros.recording.events import events_of
@@ -54,7 +54,7 @@ def test_graph_and_in_process_evaluation_give_the_same_commands_bit_for_bit(driv
     assert driven_rows == rows
 
 
-def test_rule_driver_as_co_driver_scores_as_it_does_in_process() -> None:
+def test_rule_driver_as_sim_driver_scores_as_it_does_in_process() -> None:
     routes = [RouteId('HardBreakRoute', 0), RouteId('NonSignalizedJunctionLeftTurn', 1, repetition=1)]
     seen = []
     graph = evaluate_graph(
@@ -132,7 +132,7 @@ def test_a_gate_that_stopped_in_one_episode_drives_in_the_next(tmp_path) -> None
     plans = tmp_path / 'plans.yaml'
     plans.write_text('plans: {once: [{topic: /control/proposed, kind: nan, start_s: 2, duration_s: 1}]}')
     job = GraphJob(
-        tmp_path, ROUTES, co_driver='rule', real_time=True, max_ticks=60, record=False, faults=(str(plans), 'once')
+        tmp_path, ROUTES, sim_driver='rule', real_time=True, max_ticks=60, record=False, faults=(str(plans), 'once')
     )
     with reserve_domain(None) as domain:
         stopped, driven = drive_graph(job, domain)[0]

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from raw2drive_ros.cli.graph import reserve_domain
+from raw2drive_ros.graph.processes import reserve_domain
 
 ROOT = Path(__file__).resolve().parents[2]
 

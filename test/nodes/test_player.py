@@ -6,11 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.recording.bag_reader import begin_ns, open_bag
 
-PEER = Path(__file__).with_name('player_peer.py')
-ROOT = PEER.parents[2]
+PROBE = Path(__file__).with_name('player_probe.py')
+ROOT = PROBE.parents[2]
 
 
 def test_a_player_pauses_steps_seeks_and_loops(bag, tmp_path) -> None:
@@ -19,12 +19,12 @@ def test_a_player_pauses_steps_seeks_and_loops(bag, tmp_path) -> None:
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
         parameters = {'bag': str(bag), 'paused': True, 'loop': True, 'wait_for_subscribers': 0}
         graph.start('player', parameters, sim_time=False)
-        peer = subprocess.run(
-            [sys.executable, str(PEER)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=120
+        probe = subprocess.run(
+            [sys.executable, str(PROBE)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=120
         )
-        assert peer.returncode == 0, peer.stderr[-2000:]
+        assert probe.returncode == 0, probe.stderr[-2000:]
         graph.check()
-    told = json.loads(peer.stdout.splitlines()[-1])
+    told = json.loads(probe.stdout.splitlines()[-1])
     assert told['step while paused'] is True
     assert len(told['one step']) == 1
     assert told['nothing'] == told['paused'] == []

@@ -1,10 +1,10 @@
-"""Publishers and subscriptions of the topic table: what is lost counts at once, peers that do not fit are told of."""
+"""Publishers and subscriptions of the topic table: what is lost counts at once, peers that do not fit are named."""
 
 import subprocess
 import sys
 from pathlib import Path
 
-from raw2drive_ros.cli.graph import reserve_domain
+from raw2drive_ros.graph.processes import reserve_domain
 from raw2drive_ros.nodes.transport import child_environment
 
 ROOT = Path(__file__).parents[2]
@@ -27,10 +27,10 @@ publisher, clock = make_publisher(node, topics.CLOCK), message_class(topics.BY_N
 time.sleep(1.0 - time.monotonic() % 1.0 + 0.5)  # outside of the window
 always = [h for h in subscription.event_handlers + publisher.event_handlers if h.callback_group.can_execute(h)]
 print([handler.event_type.name for handler in always])
-peer = rclpy.create_node('peer')
-peer.create_publisher(Odometry, topics.ODOMETRY, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
+probe = rclpy.create_node('probe')
+probe.create_publisher(Odometry, topics.ODOMETRY, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
 late = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-peer.create_subscription(type(clock), topics.CLOCK, lambda message: None, late)
+probe.create_subscription(type(clock), topics.CLOCK, lambda message: None, late)
 executor, end = SingleThreadedExecutor(), time.monotonic() + 4.0
 executor.add_node(node)
 spin(node, executor, until=lambda: time.monotonic() > end)

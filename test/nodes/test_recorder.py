@@ -5,12 +5,12 @@ import sys
 from pathlib import Path
 
 from raw2drive_ros import topics
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.recording.bag_info import bag_info
 
 ROOT = Path(__file__).resolve().parents[2]
 # Three seconds of odometry and of proposals that are no commands, then ~/save.
-PEER = """
+PROBE = """
 import time
 import rclpy
 from std_srvs.srv import Trigger
@@ -23,7 +23,7 @@ from raw2drive_ros.nodes.quality import make_publisher
 from raw2drive_ros.nodes.transport import configure_transport
 configure_transport()
 rclpy.init()
-node, factory = rclpy.create_node('peer'), RclpyFactory()
+node, factory = rclpy.create_node('probe'), RclpyFactory()
 outputs = {name: make_publisher(node, name) for name in (topics.ODOMETRY, topics.PROPOSED)}
 client = node.create_client(Trigger, '/recorder/save')
 assert client.wait_for_service(30.0)
@@ -43,12 +43,12 @@ def test_snapshots_are_written_on_a_stop_of_the_gate_and_on_request(tmp_path) ->
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
         graph.start('recorder', {'bag': str(tmp_path / 'shots'), 'snapshot_s': 2.0}, sim_time=False)
         graph.start('safety_gate', {'clock': 'steady'}, sim_time=False)
-        peer = subprocess.run(
-            [sys.executable, '-c', PEER], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=90
+        probe = subprocess.run(
+            [sys.executable, '-c', PROBE], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=90
         )
-        assert peer.returncode == 0, peer.stderr[-2000:]
+        assert probe.returncode == 0, probe.stderr[-2000:]
         graph.check()
-    assert peer.stdout.split() == ['True', str(tmp_path / 'shots' / 'snapshot_001')]
+    assert probe.stdout.split() == ['True', str(tmp_path / 'shots' / 'snapshot_001')]
     first, second = (bag_info(tmp_path / 'shots' / f'snapshot_{number:03d}') for number in range(2))
     assert first['provenance']['snapshot'].startswith('gate: emergency_stop: invalid proposal')
     assert second['provenance']['snapshot'] == '~/save'

@@ -11,10 +11,10 @@ from raw2drive_ros.recording import bag_writer
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_ticks
 from raw2drive_ros.recording.bag_writer import BagWriter
-from raw2drive_ros.recording.dataset import FIRST, load_bag
-from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.training.config import make_config
+from raw2drive_ros.training.dataset import FIRST, load_bag
+from raw2drive_ros.world_model.mask_codec import MaskCodec
 
 NANO = make_config('nano').model
 
@@ -103,7 +103,7 @@ def test_what_is_no_bag_does_not_blame_a_recorder(bag, tmp_path) -> None:
 def test_a_bag_without_privileged_topics_names_what_is_missing(tmp_path) -> None:
     env = DrivingEnv(SimulationConfig(bev=False))
     from msg_adapters.factory import RosbagsFactory
-    from raw2drive_ros.recording.tick_messages import TickMessages
+    from raw2drive_ros.evaluation.tick_messages import TickMessages
 
     messages = TickMessages(RosbagsFactory(), env.rig)
     tick, _ = env.reset(seed=0)

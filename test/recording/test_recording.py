@@ -28,7 +28,7 @@ from raw2drive_ros.recording.bag_edit import cut, merge
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter
-from raw2drive_ros.recording.recording import Recording, RingBuffer
+from raw2drive_ros.recording.recorder import Recording, RingBuffer
 from raw2drive_ros.recording.recover import recover
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,7 +40,7 @@ from msg_adapters.factory import RosbagsFactory
 from msg_adapters.sensors import odometry_to_message
 from raw2drive_ros import topics
 from raw2drive_ros.contract import OdometrySample
-from raw2drive_ros.recording.recording import Recording
+from raw2drive_ros.recording.recorder import Recording
 factory = RosbagsFactory()
 recording = Recording(Path(sys.argv[1]), {'note': 'killed'}, split_s=float(sys.argv[2]))
 flushed = time.monotonic()
@@ -115,9 +115,9 @@ def test_recovered_provenance_and_content_are_those_of_the_recording(bag, tmp_pa
     found = recover(tmp_path / 'new', tmp_path / 'saved')
     assert found.counts == {row['topic']: row['messages'] for row in bag_info(bag)['topics']}
     assert (found.truncated, found.damaged, found.skipped) == (True, 0, {})
-    facts = bag_info(tmp_path / 'saved')['provenance']
-    assert facts['driver'] == 'somebody'
-    assert facts['recovered_from'] == 'new'
+    metadata = bag_info(tmp_path / 'saved')['provenance']
+    assert metadata['driver'] == 'somebody'
+    assert metadata['recovered_from'] == 'new'
     with open_bag(bag) as a, open_bag(tmp_path / 'saved') as b:
         assert {(c.topic, t, bytes(d)) for c, t, d in a.messages()} == {
             (c.topic, t, bytes(d)) for c, t, d in b.messages()

@@ -10,10 +10,9 @@ import torch
 
 import raw2drive_ros.report.calibration as calibration
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.recording.dataset import FIRST, LAST, TERMINAL, load_bag
 from raw2drive_ros.report.calibration import (
     HORIZONS,
-    Judge,
+    CalibrationProbe,
     agreement,
     deciles,
     ended_within,
@@ -22,6 +21,7 @@ from raw2drive_ros.report.calibration import (
     realised_returns,
     reliability,
 )
+from raw2drive_ros.training.dataset import FIRST, LAST, TERMINAL, load_bag
 from raw2drive_ros.training.teacher import load_teacher
 
 
@@ -102,12 +102,12 @@ def test_steps_compound_and_a_model_that_sees_every_end_coming_is_wrong_by_the_r
     with torch.no_grad():
         last.weight.zero_()
         last.bias.fill_(torch.logit(torch.tensor(0.9)))
-    traces = list(Judge(trainer).traces(with_flags(arrays, TERMINAL | LAST)))
+    traces = list(CalibrationProbe(trainer).traces(with_flags(arrays, TERMINAL | LAST)))
     for i, steps in enumerate(HORIZONS):
         assert np.allclose(traces[0].ending[:, i], 1.0 - 0.9**steps, atol=1e-6)
     with torch.no_grad():
         last.bias.fill_(-40.0)
-    found = numbers(list(Judge(trainer).traces(with_flags(arrays, TERMINAL | LAST))), 0.98)
+    found = numbers(list(CalibrationProbe(trainer).traces(with_flags(arrays, TERMINAL | LAST))), 0.98)
     for steps in HORIZONS:
         row = found['continue'][str(steps)]
         # Of the first episode all but its last tick, of the second all but the last `steps`.
@@ -119,8 +119,8 @@ def test_steps_compound_and_a_model_that_sees_every_end_coming_is_wrong_by_the_r
 def test_imagination_takes_the_recorded_actions_that_follow(trainer, arrays) -> None:
     other = arrays.action.copy()
     other[40] = (other[40] + 1) % 39
-    before = next(Judge(trainer).traces(arrays))
-    after = next(Judge(trainer).traces(dataclasses.replace(arrays, action=other)))
+    before = next(CalibrationProbe(trainer).traces(arrays))
+    after = next(CalibrationProbe(trainer).traces(dataclasses.replace(arrays, action=other)))
     changed = before.ending != after.ending
     for i, steps in enumerate(HORIZONS):
         assert not changed[: 40 - steps, i].any(), 'the window ends before that action'
@@ -135,14 +135,14 @@ def test_the_value_is_compared_with_the_rest_of_its_own_episode(trainer, arrays)
     # After ten steps the critic says 0; here it expects something.
     with torch.no_grad():
         last_layer(trainer.policy.critic.fast.net).bias[25] = 10.0
-    ended, cut = Judge(trainer).traces(with_flags(arrays, TERMINAL | LAST))
+    ended, cut = CalibrationProbe(trainer).traces(with_flags(arrays, TERMINAL | LAST))
     assert ended.value_known.tolist() == [True] * 59 + [False]
     assert ended.returned[57] == pytest.approx(arrays.reward[58] + gamma * arrays.reward[59])
     assert cut.value_known.tolist() == [True] * 10 + [False] * 50
     assert cut.value[-1] > 10.0
     rest = sum(gamma**i * float(r) for i, r in enumerate(arrays.reward[65:120]))
     assert cut.returned[4] == pytest.approx(rest + gamma**55 * cut.value[-1])
-    stopped, _ = Judge(trainer).traces(with_flags(arrays, LAST))
+    stopped, _ = CalibrationProbe(trainer).traces(with_flags(arrays, LAST))
     assert stopped.value_known.sum() == 10, 'a driven route is no failure: the model expects it to go on'
     found = numbers([ended, cut], gamma)
     assert found['episodes'] == {'terminal': 1, 'last': 0, 'cut': 1}
@@ -152,9 +152,9 @@ def test_the_value_is_compared_with_the_rest_of_its_own_episode(trainer, arrays)
 
 
 def test_a_sequence_in_pieces_is_the_sequence(trainer, arrays, monkeypatch) -> None:
-    whole = list(Judge(trainer).traces(arrays))
+    whole = list(CalibrationProbe(trainer).traces(arrays))
     monkeypatch.setattr(calibration, 'CHUNK', 7)
-    pieces = list(Judge(trainer, samples=1).traces(arrays))
+    pieces = list(CalibrationProbe(trainer, samples=1).traces(arrays))
     for a, b in zip(whole, pieces, strict=True):
         assert np.allclose(a.reward, b.reward, atol=1e-5) and np.allclose(a.value, b.value, atol=1e-5)
         assert len(a.reward) == len(b.ending) == 60

@@ -65,8 +65,8 @@ def write(path, driver: str, rows: list[dict], wanted: list[str] | None = None, 
     return path
 
 
-def strip(results, row_id: str) -> None:
-    folder = results.with_suffix('.strips')
+def filmstrip(results, row_id: str) -> None:
+    folder = results.with_suffix('.filmstrips')
     folder.mkdir(exist_ok=True)
     cv2.imwrite(str(folder / f'{row_id.replace("/", "_")}.jpg'), np.zeros((8, 56, 3), np.uint8))
 
@@ -83,7 +83,7 @@ def test_everything_from_data_is_escaped(tmp_path) -> None:
 
 def test_the_page_needs_nothing_from_outside(tmp_path) -> None:
     results = write(tmp_path / 'a.jsonl', 'rule', [row('Accident', 0, 5.0)])
-    strip(results, 'Accident/0')
+    filmstrip(results, 'Accident/0')
     page = Page(write_comparison(tmp_path / 'r.html', [results]).read_text())
     links = [v for _, attributes in page.tags for k, v in attributes.items() if k in ('src', 'href', 'xlink:href')]
     assert [link[:23] for link in links] == ['data:image/jpeg;base64,']
@@ -120,11 +120,11 @@ def test_worst_failures_come_first_and_pictures_are_capped(tmp_path) -> None:
     rows = [row('Accident', seed, 90.0 - seed) for seed in range(5)] + [row('Accident', 9, 100.0)]
     results = write(tmp_path / 'a.jsonl', 'rule', rows)
     for failed in rows[:5]:
-        strip(results, failed['id'])
+        filmstrip(results, failed['id'])
     text = write_comparison(tmp_path / 'r.html', [results], max_strips=2).read_text()
     assert text.count('data:image/jpeg;base64,') == 2
     assert '3 more are left out' in text
-    assert 'a.strips/Accident_0.jpg' in text
+    assert 'a.filmstrips/Accident_0.jpg' in text
     assert text.index('<h4>Accident/4') < text.index('<h4>Accident/0')
     assert '<h4>Accident/9' not in text
 

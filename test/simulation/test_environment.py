@@ -4,7 +4,7 @@ import pytest
 from raw2drive_ros.actions import ACTIONS
 from raw2drive_ros.contract import Control
 from raw2drive_ros.errors import UnknownScenarioError
-from raw2drive_ros.evaluation.drivers import rule_episodes
+from raw2drive_ros.evaluation.drivers import rule_driver
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.scenario import load_scenarios
 
@@ -118,7 +118,7 @@ def test_collision_ends_the_episode_with_minus_one_minus_speed() -> None:
 def test_goal_is_a_truncation_with_reward_one() -> None:
     env = DrivingEnv(FAST)
     tick, _ = env.reset(seed=0)
-    driver = rule_episodes()
+    driver = rule_driver()
     driver.reset(0)
     while not env.done:
         tick, reward, terminated, truncated, info = env.step(driver.control(env, tick.sensors, tick).control)
@@ -149,7 +149,7 @@ def test_each_ability_has_two_scenario_types() -> None:
 def test_scenario_runs_and_earns_reward(name: str) -> None:
     env = DrivingEnv(SimulationConfig(cameras=False, end_on_infraction=False))
     tick, _ = env.reset(seed=1, options={'scenario': name})
-    driver = rule_episodes()
+    driver = rule_driver()
     driver.reset(1)
     rewards = []
     while not env.done and len(rewards) < 300:
@@ -177,7 +177,7 @@ def test_running_a_stop_sign_is_an_infraction_and_stopping_is_not() -> None:
         env.step(Control(0.35))
     assert env.criteria.events.get('stop_sign') == 1
     tick, _ = env.reset(seed=2, options={'scenario': 'VanillaNonSignalizedTurnEncounterStopsign'})
-    driver = rule_episodes()
+    driver = rule_driver()
     driver.reset(0)
     while not env.done:
         tick, *_ = env.step(driver.control(env, tick.sensors, tick).control)

@@ -1,4 +1,4 @@
-"""The scenario types, and what only some of them use: doors, disturbances, exits, twins of the world."""
+"""The scenario types, and what only some of them use: doors, disturbances, exits, forks of the world."""
 
 import numpy as np
 import pytest
@@ -44,16 +44,16 @@ def test_a_twin_goes_its_own_way_and_leaves_the_world_alone() -> None:
     env = world_of('NonSignalizedJunctionLeftTurn', 1)
     world = env.world
     before = world.positions.copy()
-    twin = world.fork()
+    fork = world.fork()
     for _ in range(60):
-        twin.step(Control(0.5))
+        fork.step(Control(0.5))
     assert np.array_equal(world.positions, before)
     assert world.time_s == 0.0
-    assert not np.allclose(twin.positions[-1], before[-1])
-    # The same commands take the world to where the twin is, to the bit.
+    assert not np.allclose(fork.positions[-1], before[-1])
+    # The same commands take the world to where the fork is, to the bit.
     for _ in range(60):
         world.step(Control(0.5))
-    assert np.array_equal(world.positions, twin.positions)
+    assert np.array_equal(world.positions, fork.positions)
 
 
 def test_a_door_opens_into_the_lane_when_the_ego_comes_near() -> None:

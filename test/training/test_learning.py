@@ -9,13 +9,12 @@ import torch
 
 from raw2drive_ros.errors import CheckpointError, ConfigError
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
-from raw2drive_ros.evaluation.drivers import rule_episodes
-from raw2drive_ros.evaluation.table_actions import TableActions
+from raw2drive_ros.evaluation.drivers import rule_driver
+from raw2drive_ros.evaluation.table_actions import TableActionDriver
 from raw2drive_ros.recording.bag_reader import find_bags
-from raw2drive_ros.recording.dataset import load_bags, rig_of
-from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.training.checkpoint import newest_checkpoint
 from raw2drive_ros.training.config import make_config
+from raw2drive_ros.training.dataset import load_bags, rig_of
 from raw2drive_ros.training.imagination import imagine, start_noise
 from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.parallel import ALONE
@@ -24,6 +23,7 @@ from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
 from raw2drive_ros.training.run import RunFolder, train
 from raw2drive_ros.training.teacher import load_teacher
+from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.rssm import State
 
 NANO = {'threads': 1, 'log_every': 5, 'picture_every': 100, 'checkpoint_every': 5}
@@ -195,7 +195,7 @@ def test_paper_preset_keeps_43_classes_and_takes_a_step_of_both_stages(tmp_path)
     assert len(model.mask_classes) == 43
     assert (model.deter, model.stoch, model.grid) == (6144, 32, 16)
     collecting = CollectConfig(('LaneFollowing',), ticks=3, episode_ticks=3, image_size=model.image_size)
-    for _ in collect(tmp_path / 'bags', collecting, rule_episodes(), {'driver': 'rule'}):
+    for _ in collect(tmp_path / 'bags', collecting, rule_driver(), {'driver': 'rule'}):
         pass
     bags = load_bags(find_bags([tmp_path / 'bags']), tmp_path / 'cache', model, cameras=True)
     batch = Replay(bags, MaskCodec(model), 2, 0.0, 0).sample(1, images=True)
@@ -222,7 +222,7 @@ def test_imitation_raises_the_likelihood_of_what_the_expert_did(workspace, tmp_p
     config = CollectConfig(('LaneFollowing',), ticks=120, episode_ticks=60, cameras=False)
     losses = {}
     for name in ('expert', 'rule'):
-        for _ in collect(tmp_path / name, config, TableActions(rule_episodes()), {'driver': name}):
+        for _ in collect(tmp_path / name, config, TableActionDriver(rule_driver()), {'driver': name}):
             pass
         options = NANO | {'imitate': 1.0, 'log_every': 10, 'policy_lr': 3e-3}
         train('privileged', tmp_path / f'run_{name}', [tmp_path / name], workspace / 'cache', 60, 'nano', options)

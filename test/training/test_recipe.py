@@ -7,12 +7,12 @@ import torch
 
 from raw2drive_ros import topics
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.cli.recipe import failures_by_type, keep_if_best, run_recipe
 from raw2drive_ros.errors import CheckpointError, ConfigError, UnknownScenarioError
+from raw2drive_ros.evaluation.recipe_rounds import failures_by_type, keep_if_best, run_recipe
 from raw2drive_ros.evaluation.routes import weighted_types
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_advice
-from raw2drive_ros.recording.dataset import RosbagsFactory
 from raw2drive_ros.training.checkpoint import newest_checkpoint
+from raw2drive_ros.training.dataset import RosbagsFactory
 from raw2drive_ros.training.recipe import Collection, Recipe, load_recipe
 from raw2drive_ros.training.teacher import load_teacher, save_teacher, teacher_identity
 

@@ -63,7 +63,7 @@ def parking_cut_in(rng: Rng) -> Scene:
             Script(ego_due=due, target_speed_mps=float(rng.uniform(4, 6))),
             Script(ego_due=due, drift_m=-aside, drift_over_m=7.0),
         ),
-        heedless=True,
+        ignores_traffic=True,
     )
     layout = RoadLayout((Straight(190),), 1, 1, float(rng.uniform(8, 11)), shoulder_m=3.0)
     return Scene(layout, RouteSpec(start_speed_mps=5.0), (*parked, puller))
@@ -85,7 +85,7 @@ def priority_taken(rng: Rng) -> Scene:
                 target_speed_mps=speed,
             ),
         ),
-        heedless=True,
+        ignores_traffic=True,
         meets_ego=True,
     )
     layout = RoadLayout((Straight(70), Junction('ahead'), Straight(60)), 1, 1, 10.0)
@@ -134,7 +134,7 @@ def static_cut_in(rng: Rng) -> Scene:
             Script(ego_due=due, target_speed_mps=float(rng.uniform(4, 6))),
             Script(ego_due=due, drift_m=LANE_WIDTH_M, drift_over_m=8.0),
         ),
-        heedless=True,
+        ignores_traffic=True,
     )
     layout = RoadLayout((Straight(200),), 2, 0, float(rng.uniform(8, 11)))
     return Scene(layout, RouteSpec(0, start_speed_mps=6.0), (*queue, cutter))
@@ -174,7 +174,7 @@ def red_light_runner(rng: Rng) -> Scene:
                 target_speed_mps=float(rng.uniform(6, 9)),
             ),
         ),
-        heedless=True,
+        ignores_traffic=True,
         meets_ego=True,
     )
     layout = RoadLayout((Straight(straight), Junction('ahead', control='light'), Straight(60)), 1, 1, 10.0)

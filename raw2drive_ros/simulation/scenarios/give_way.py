@@ -21,7 +21,7 @@ def invading_turn(rng: Rng) -> Scene:
             float(s),
             speed_mps=float(rng.uniform(5, 7)),
             scripts=(Script(ego_within_m=45, drift_m=-drift, drift_over_m=15.0),),
-            heedless=True,
+            ignores_traffic=True,
         )
         for s in (10, 45)
     )

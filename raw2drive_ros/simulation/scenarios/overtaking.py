@@ -81,7 +81,7 @@ def slow_cyclists(rng: Rng) -> Scene:
     where = float(rng.uniform(55, 70))
     speed = float(rng.uniform(1.2, 1.8))
     riders = tuple(
-        TrafficSpec('forward', where + gap, speed, lane=1, kind='cyclist', lateral_m=-0.8, heedless=True)
+        TrafficSpec('forward', where + gap, speed, kind='cyclist', lateral_m=-1.0, ignores_traffic=True)
         for gap in (0.0, 4.0)
     )
     # Out early and back late: the riders move on while the ego passes.
@@ -142,7 +142,8 @@ def slow_cyclists_two_ways(rng: Rng) -> Scene:
     where = float(rng.uniform(60, 75))
     speed = float(rng.uniform(1.2, 1.8))
     riders = tuple(
-        TrafficSpec('forward', where + gap, speed, kind='cyclist', lateral_m=-1.0, heedless=True) for gap in (0.0, 4.0)
+        TrafficSpec('forward', where + gap, speed, kind='cyclist', lateral_m=-1.0, ignores_traffic=True)
+        for gap in (0.0, 4.0)
     )
     detour = (LaneChange(where - 20, -0.75, 18), LaneChange(where + 70, 0, 18))
     layout = RoadLayout((Straight(240),), 1, 1, 10.0, shoulder_m=1.0)

@@ -13,8 +13,8 @@ from raw2drive_ros.world_model import rssm as rssm_module
 from raw2drive_ros.world_model.actor_critic import Policy
 from raw2drive_ros.world_model.distributions import sample_classes, sample_one_hot
 from raw2drive_ros.world_model.heads import ContinueHead, TwoHotHead
-from raw2drive_ros.world_model.hot import Hot, HotFeature, stack, worthwhile
 from raw2drive_ros.world_model.layers import Linear
+from raw2drive_ros.world_model.one_hot_indices import OneHotIndices, SparseFeature, stack, worthwhile
 from raw2drive_ros.world_model.rssm import Rssm, State
 
 GROUPS, CLASSES, DETER = 6, 16, 12
@@ -31,8 +31,8 @@ def test_a_linear_map_and_its_gradient_are_those_of_the_dense_product(shape) -> 
     torch.manual_seed(0)
     one_hot, deter = draw(*shape), torch.randn(*shape, DETER)
     for dense, sparse in (
-        (one_hot, Hot.of(one_hot, CLASSES)),
-        (torch.cat([deter, one_hot], -1), HotFeature(deter, Hot.of(one_hot, CLASSES))),
+        (one_hot, OneHotIndices.of(one_hot, CLASSES)),
+        (torch.cat([deter, one_hot], -1), SparseFeature(deter, OneHotIndices.of(one_hot, CLASSES))),
     ):
         layer = Linear(dense.shape[-1], 7)
         torch.nn.init.normal_(layer.bias)
@@ -50,7 +50,7 @@ def test_stacked_and_sliced_like_tensors() -> None:
     torch.manual_seed(1)
     parts = [(torch.randn(4, DETER), draw(4)) for _ in range(3)]
     dense = stack([torch.cat(part, -1) for part in parts])
-    sparse = stack([HotFeature(deter, Hot.of(stoch, CLASSES)) for deter, stoch in parts])
+    sparse = stack([SparseFeature(deter, OneHotIndices.of(stoch, CLASSES)) for deter, stoch in parts])
     layer = Linear(DETER + GROUPS * CLASSES, 5)
     for where in (slice(None), slice(1, None), slice(None, -1), 0):
         torch.testing.assert_close(layer(dense[where]), layer(sparse[where]))
@@ -80,8 +80,8 @@ def test_imagination_with_indices_is_that_with_dense_samples(monkeypatch) -> Non
         noise = start_noise(5, ALONE, torch.Generator().manual_seed(4))
         other = (guide, torch.zeros(5, c.deter))
         rollout = imagine(rssm, policy.actor, start, reward, cont, 6, noise, other, shared_sample=False)
-        assert isinstance(rollout.features, HotFeature) is sparse
-        assert isinstance(rollout.teacher, HotFeature) is sparse
+        assert isinstance(rollout.features, SparseFeature) is sparse
+        assert isinstance(rollout.teacher, SparseFeature) is sparse
         # The return scale of the policy moves with every loss.
         learner = copy.deepcopy(policy)
         actor, critic, _ = policy_losses(learner, rollout, t)

@@ -100,9 +100,9 @@ class Recording:
     def _open(self) -> BagWriter:
         number = len(self.bags)
         path = self.path / f'{self.path.name}_{number:03d}' if self.splits else self.path
-        facts = self.provenance | ({'part': str(number)} if self.splits else {})
+        metadata = self.provenance | ({'part': str(number)} if self.splits else {})
         path.parent.mkdir(parents=True, exist_ok=True)
-        return BagWriter(path, facts)
+        return BagWriter(path, metadata)
 
     def _full(self, stamp_ns: int) -> bool:
         writer = self._writer

@@ -17,7 +17,7 @@ from raw2drive_ros.nodes.transport import configure_transport
 
 configure_transport()
 rclpy.init()
-node = rclpy.create_node('adapter_peer')
+node = rclpy.create_node('adapter_probe')
 factory = RclpyFactory()
 commands, odometry = make_publisher(node, topics.COMMAND), make_publisher(node, topics.ODOMETRY)
 heard: list[tuple[float, float]] = []

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from raw2drive_ros.cli.graph import Graph
     from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec
     from raw2drive_ros.evaluation.metrics import RouteResult
+    from raw2drive_ros.graph.processes import Graph
     from raw2drive_ros.simulation.route_id import RouteId
 
 OnRow = Callable[[dict[str, Any]], None]
@@ -24,20 +24,20 @@ POLL_S = 0.3
 @dataclass(frozen=True, slots=True)
 class GraphJob:
     """out: folder for everything. max_ticks: cut each route, 0 = never. bundle: of the planner; without one, the
-    bridge's co-driver `co_driver` (of stage-1 run `run`) drives. record: into `out`/bag. faults: file of plans, and the
-    plan that a fault injector plays between all of them."""
+    bridge's `sim_driver` (of stage-1 run `run`) drives. record: into `out`/bag. faults: file of plans, and the plan
+    that a fault injector plays between all of them."""
 
     out: Path
     routes: tuple[RouteId, ...]
     bundle: Path | None = None
-    co_driver: str = ''
+    sim_driver: str = ''
     run: Path | None = None
     real_time: bool = False
     image_size: tuple[int, int] = (96, 160)
     max_ticks: int = 0
     image_transport: str = 'raw'
     record: bool = True
-    quirks: bool = False
+    bench2drive_compat: bool = False
     faults: tuple[str, str] | None = None
 
 
@@ -52,7 +52,7 @@ def drive_graph(
     on_progress: percent of all routes, and a note. on_row: each row as soon as its route is driven.
     Raises GraphError when any process dies.
     """
-    from raw2drive_ros.cli.graph import running_graph
+    from raw2drive_ros.graph.processes import running_graph
 
     out = job.out
     with running_graph(out / 'logs', domain) as graph:
@@ -77,8 +77,9 @@ def _start(graph: Graph, job: GraphJob) -> None:
 
     out, routes = job.out, ','.join(map(str, job.routes))
     if job.record:
-        facts = {'driver': job.co_driver or 'raw', 'bundle': job.bundle.name if job.bundle else '', 'routes': routes}
-        recorder = {'bag': str(out / 'bag'), 'provenance': json.dumps(facts), 'stats_file': str(out / 'recorder.json')}
+        bundle = job.bundle.name if job.bundle else ''
+        provenance = json.dumps({'driver': job.sim_driver or 'raw', 'bundle': bundle, 'routes': routes})
+        recorder = {'bag': str(out / 'bag'), 'provenance': provenance, 'stats_file': str(out / 'recorder.json')}
         graph.start('recorder', recorder)
     faults = []
     if job.faults is not None:
@@ -94,14 +95,14 @@ def _start(graph: Graph, job: GraphJob) -> None:
         graph.start('planner', planner | {'image_transport': job.image_transport}, remap=heard)
     bridge = {
         'episodes': routes,
-        'co_driver': job.co_driver,
-        'co_driver_run': str(job.run.resolve()) if job.run else '',
-        'quirks': job.quirks,
+        'sim_driver': job.sim_driver,
+        'sim_driver_run': str(job.run.resolve()) if job.run else '',
+        'bench2drive_compat': job.bench2drive_compat,
         'lock_step': not job.real_time,
         'image_height': job.image_size[0],
         'image_width': job.image_size[1],
         'image_transport': job.image_transport,
-        'bev': job.record or job.co_driver == 'privileged',
+        'bev': job.record or job.sim_driver == 'privileged',
         'max_ticks': job.max_ticks,
         'wait_for_image_subscribers': (job.bundle is not None) + job.record if job.bundle else 1,
         'result_file': str(out / 'bridge.json'),
@@ -155,12 +156,13 @@ def evaluate_graph(
     lines: Path | None,
     on_route: Callable[[int, RouteResult], None],
 ) -> dict[str, Any]:
-    """`evaluate`, but through the graph: the raw driver in the planner node, others as the bridge's co-driver."""
-    from raw2drive_ros.cli.graph import reserve_domain
+    """`evaluate`, but through the graph: the raw driver in the planner node, others as the bridge's sim driver."""
     from raw2drive_ros.evaluation.evaluate import RowsFile, header_of, summarise, timing_of
     from raw2drive_ros.evaluation.metrics import RouteResult
+    from raw2drive_ros.graph.processes import reserve_domain
 
-    file = RowsFile(lines, header_of(spec.identity(), suite, version, routes, quirks=conditions.quirks))
+    compat = conditions.bench2drive_compat
+    file = RowsFile(lines, header_of(spec.identity(), suite, version, routes, bench2drive_compat=compat))
     left = tuple(route for route in routes if route not in file.rows)
     timing = timing_of([])
 
@@ -180,7 +182,7 @@ def evaluate_graph(
                 None if raw else spec.run,
                 image_size=conditions.image_size,
                 record=False,
-                quirks=conditions.quirks,
+                bench2drive_compat=conditions.bench2drive_compat,
             )
             timing = drive_graph(job, domain, on_row=on_row)[1]
     return summarise(spec.name, suite, version, routes, list(file.rows.values()), timing)

@@ -33,9 +33,9 @@ from raw2drive_ros.recording.bag_reader import (
     read_ticks,
     require_topics,
 )
-from raw2drive_ros.recording.masks import MaskCodec
 from raw2drive_ros.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.mask_codec import MaskCodec
 
 CACHE_VERSION = 5
 ARRAYS = ('masks', 'ego', 'vector', 'action', 'advice', 'reward', 'flags')

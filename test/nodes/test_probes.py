@@ -1,26 +1,26 @@
-"""Nodes survive peers: invalid transitions, parameters, messages; and say why they refuse."""
+"""Nodes survive what a probe does to them: invalid transitions, parameters, messages; and say why they refuse."""
 
 import json
 import subprocess
 import sys
 from pathlib import Path
 
-from raw2drive_ros.cli.graph import reserve_domain, running_graph
+from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.nodes.transport import child_environment
 
-PEER = Path(__file__).with_name('peer.py')
-ROOT = PEER.parents[2]
+PROBE = Path(__file__).with_name('planner_probe.py')
+ROOT = PROBE.parents[2]
 
 
 def test_wrong_requests_parameters_and_messages_end_no_node(bundle, tmp_path) -> None:
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
         graph.start('safety_gate', {'clock': 'steady'}, sim_time=False)
         graph.start('planner', {'bundle': str(bundle)}, sim_time=False)
-        peer = subprocess.run(
-            [sys.executable, str(PEER)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=120
+        probe = subprocess.run(
+            [sys.executable, str(PROBE)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=120
         )
-        assert peer.returncode == 0, peer.stderr[-2000:]
-        told = json.loads(peer.stdout.splitlines()[-1])
+        assert probe.returncode == 0, probe.stderr[-2000:]
+        told = json.loads(probe.stdout.splitlines()[-1])
         graph.check()
         logs = {name: (tmp_path / f'{name}.log').read_text() for name in ('planner', 'safety_gate')}
     assert told['before'] == told['after'] == 'active'
@@ -43,7 +43,7 @@ def test_a_planner_that_cannot_configure_stays_unconfigured_and_says_why(tmp_pat
             'import rclpy, sys;'
             'from lifecycle_msgs.srv import ChangeState, GetState;'
             'from raw2drive_ros.nodes.transport import configure_transport;'
-            'configure_transport(); rclpy.init(); node = rclpy.create_node("peer");'
+            'configure_transport(); rclpy.init(); node = rclpy.create_node("probe");'
             'client = node.create_client(ChangeState, "/planner/change_state"); client.wait_for_service(30);'
             'request = ChangeState.Request(); request.transition.id = 1;'
             'future = client.call_async(request); rclpy.spin_until_future_complete(node, future, timeout_sec=30);'
@@ -52,12 +52,12 @@ def test_a_planner_that_cannot_configure_stays_unconfigured_and_says_why(tmp_pat
             'rclpy.spin_until_future_complete(node, label, timeout_sec=30);'
             'print(future.result().success, label.result().current_state.label)'
         )
-        peer = subprocess.run(
+        probe = subprocess.run(
             [sys.executable, '-c', code], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=120
         )
         graph.check()
         log = (tmp_path / 'planner.log').read_text()
-    assert peer.stdout.split() == ['False', 'unconfigured'], peer.stderr[-2000:]
+    assert probe.stdout.split() == ['False', 'unconfigured'], probe.stderr[-2000:]
     assert 'no policy bundle there' in log
 
 

@@ -15,7 +15,7 @@ from raw2drive_ros.nodes.transport import configure_transport
 
 configure_transport()
 rclpy.init()
-node = rclpy.create_node('peer')
+node = rclpy.create_node('probe')
 stamps: list[int] = []
 node.create_subscription(
     Clock,

@@ -1,4 +1,4 @@
-"""The strip of a drive's last seconds."""
+"""The filmstrip of a drive's last seconds."""
 
 import cv2
 import numpy as np
@@ -7,7 +7,7 @@ import pytest
 from raw2drive_ros.bev_channels import SIZE_PX
 from raw2drive_ros.bev_colours import COLOURS
 from raw2drive_ros.contract import Control
-from raw2drive_ros.report.strip import CAPTION_PX, EVERY_TICKS, GAP_PX, PICTURES, StripRecorder
+from raw2drive_ros.report.filmstrip import CAPTION_PX, EVERY_TICKS, GAP_PX, PICTURES, FilmstripRecorder
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 
 
@@ -16,44 +16,44 @@ def env() -> DrivingEnv:
     return DrivingEnv(SimulationConfig(cameras=False, bev=False, end_on_infraction=False))
 
 
-def drive(env: DrivingEnv, strip: StripRecorder, ticks: int, seed: int = 0) -> None:
+def drive(env: DrivingEnv, filmstrip: FilmstripRecorder, ticks: int, seed: int = 0) -> None:
     tick, _ = env.reset(seed=seed, options={'scenario': 'LaneFollowing'})
     for _ in range(ticks):
-        strip.see(env, tick)
+        filmstrip.see(env, tick)
         tick, *_ = env.step(Control(0.5))
 
 
 def test_a_strip_holds_seven_pictures_that_show_the_car_moving(env, tmp_path) -> None:
-    strip = StripRecorder()
-    drive(env, strip, 80)
-    picture = cv2.imread(str(strip.save(tmp_path / 'deep' / 'a.jpg')))
+    filmstrip = FilmstripRecorder()
+    drive(env, filmstrip, 80)
+    picture = cv2.imread(str(filmstrip.save(tmp_path / 'deep' / 'a.jpg')))
     assert picture.shape == (SIZE_PX + CAPTION_PX, PICTURES * SIZE_PX + (PICTURES - 1) * GAP_PX, 3)
     assert [p.name for p in (tmp_path / 'deep').iterdir()] == ['a.jpg']
-    ages = [round((moment.time_s - strip.world.time_s) * 10) for moment in strip.moments]
+    ages = [round((moment.time_s - filmstrip.world.time_s) * 10) for moment in filmstrip.moments]
     assert np.diff(ages).tolist() == [EVERY_TICKS] * (PICTURES - 2)
-    speeds = [moment.ego.speed for moment in strip.moments]
+    speeds = [moment.ego.speed for moment in filmstrip.moments]
     assert speeds == sorted(speeds) and speeds[0] < speeds[-1]
 
 
 def test_the_ego_is_drawn_in_its_colour_where_the_masks_have_it(env) -> None:
-    strip = StripRecorder()
-    drive(env, strip, 3)
-    tile = strip.draw()[:SIZE_PX, -SIZE_PX:]
+    filmstrip = FilmstripRecorder()
+    drive(env, filmstrip, 3)
+    tile = filmstrip.draw()[:SIZE_PX, -SIZE_PX:]
     rows, columns = np.nonzero((tile == COLOURS['ego']).all(axis=2))
     assert rows.mean() == pytest.approx(SIZE_PX * 0.7, abs=1.0)
     assert columns.mean() == pytest.approx(SIZE_PX * 0.5, abs=1.0)
 
 
 def test_a_new_drive_starts_a_new_strip(env) -> None:
-    strip = StripRecorder()
-    drive(env, strip, 40)
-    drive(env, strip, 9, seed=1)
-    assert len(strip.moments) == 2
-    assert max(moment.time_s for moment in strip.moments) < 1.0
+    filmstrip = FilmstripRecorder()
+    drive(env, filmstrip, 40)
+    drive(env, filmstrip, 9, seed=1)
+    assert len(filmstrip.moments) == 2
+    assert max(moment.time_s for moment in filmstrip.moments) < 1.0
 
 
 def test_watching_does_not_change_the_drive(env) -> None:
-    drive(env, StripRecorder(), 30)
+    drive(env, FilmstripRecorder(), 30)
     watched = env.world.ego.position.copy()
     env.reset(seed=0, options={'scenario': 'LaneFollowing'})
     for _ in range(30):
@@ -63,4 +63,4 @@ def test_watching_does_not_change_the_drive(env) -> None:
 
 def test_a_strip_of_nothing_is_an_error() -> None:
     with pytest.raises(RuntimeError, match='nothing was seen'):
-        StripRecorder().draw()
+        FilmstripRecorder().draw()

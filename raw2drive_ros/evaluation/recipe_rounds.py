@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.progress import bar
 from raw2drive_ros.training.checkpoint import newest_checkpoint
 from raw2drive_ros.training.recipe import Collection, Recipe
@@ -127,8 +128,6 @@ def _train(recipe: Recipe, index: int, run: Path, cache: Path, overrides: dict[s
 
 def _validate(recipe: Recipe, index: int, run: Path, workers: int, title: str) -> None:
     """Drive the validation suite; the best round so far is kept as `best`."""
-    from raw2drive_ros.evaluation.suites import load_suite
-
     newest = newest_checkpoint(run / 'checkpoints')
     if newest is None or int(newest.name) != recipe.total_steps(index):
         return

@@ -1,4 +1,4 @@
-"""A peer that does everything wrong to a planner and a gate; run by test_peers.py in a process of its own.
+"""A probe that does everything wrong to a planner and a gate; run by test_peers.py in a process of its own.
 
 Prints one JSON line: what was answered to each wrong request, and whether both nodes still work afterwards.
 """
@@ -20,7 +20,7 @@ from raw2drive_ros.nodes.transport import configure_transport
 
 configure_transport()
 rclpy.init()
-node = rclpy.create_node('peer')
+node = rclpy.create_node('probe')
 
 
 def call(kind, name, request):

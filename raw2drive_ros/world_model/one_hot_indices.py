@@ -22,18 +22,18 @@ def worthwhile(classes: int) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Hot:
+class OneHotIndices:
     """index: (..., S), which of all S*K entries are one."""
 
     index: Tensor
 
     @classmethod
-    def of(cls, one_hot: Tensor, classes: int) -> Hot:
+    def of(cls, one_hot: Tensor, classes: int) -> OneHotIndices:
         """From (..., S*K) one-hot groups."""
         return cls.of_classes(one_hot.unflatten(-1, (-1, classes)).argmax(-1), classes)
 
     @classmethod
-    def of_classes(cls, chosen: Tensor, classes: int) -> Hot:
+    def of_classes(cls, chosen: Tensor, classes: int) -> OneHotIndices:
         """From (..., S) classes of the groups."""
         return cls(chosen + torch.arange(chosen.shape[-1], device=chosen.device) * classes)
 
@@ -47,14 +47,14 @@ class Hot:
 
 
 @dataclass(frozen=True, slots=True)
-class HotFeature:
+class SparseFeature:
     """`State.feature` with its stochastic part as indices. deter: (..., D)."""
 
     deter: Tensor
-    stoch: Hot
+    stoch: OneHotIndices
 
-    def __getitem__(self, where: Any) -> HotFeature:
-        return HotFeature(self.deter[where], Hot(self.stoch.index[where]))
+    def __getitem__(self, where: Any) -> SparseFeature:
+        return SparseFeature(self.deter[where], OneHotIndices(self.stoch.index[where]))
 
     def through(self, weight: Tensor, bias: Tensor | None = None) -> Tensor:
         """(..., O) of (O, D + S*K) weights."""
@@ -62,9 +62,9 @@ class HotFeature:
         return nn.functional.linear(self.deter, weight[:, :size], bias) + self.stoch.through(weight[:, size:])
 
 
-def stack(features: Sequence[Tensor] | Sequence[HotFeature]) -> Tensor | HotFeature:
+def stack(features: Sequence[Tensor] | Sequence[SparseFeature]) -> Tensor | SparseFeature:
     """Along a new first axis."""
     if isinstance(features[0], Tensor):
         return torch.stack(list(features))  # type: ignore[arg-type]
     deters, indices = zip(*((f.deter, f.stoch.index) for f in features))
-    return HotFeature(torch.stack(deters), Hot(torch.stack(indices)))
+    return SparseFeature(torch.stack(deters), OneHotIndices(torch.stack(indices)))

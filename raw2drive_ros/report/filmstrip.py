@@ -1,4 +1,4 @@
-"""The last seconds of a drive as a strip of top-down pictures: what a failure looked like, at a glance."""
+"""The last seconds of a drive as a filmstrip of top-down pictures: what a failure looked like, at a glance."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ CAPTION_PX, GAP_PX = 18, 2
 JPEG_QUALITY = 75
 
 
-class StripRecorder:
-    """Call `see` on every tick and `save` after the drive. A new world starts a new strip.
+class FilmstripRecorder:
+    """Call `see` on every tick and `save` after the drive. A new world starts a new filmstrip.
 
-    Moments are kept as copies of the world and drawn by `save` alone, because most drives need no strip.
+    Moments are kept as copies of the world and drawn by `save` alone, because most drives need no filmstrip.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class StripRecorder:
     def draw(self) -> Rgb:
         """(H, W, 3) RGB: the kept moments, and the world as it is now. Raises RuntimeError before the first tick."""
         if self.world is None:
-            raise RuntimeError('StripRecorder: nothing was seen')
+            raise RuntimeError('FilmstripRecorder: nothing was seen')
         renderer = BevRenderer(self.world)
         tiles = [_tile(renderer, moment, self.world.time_s) for moment in (*self.moments, self.world)]
         gap = np.full((tiles[0].shape[0], GAP_PX, 3), 255, np.uint8)
@@ -55,7 +55,7 @@ class StripRecorder:
         """Write a JPEG; it appears whole or not at all. Raises OSError."""
         done, encoded = cv2.imencode('.jpg', self.draw()[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         if not done:
-            raise OSError(f'{path}: the strip cannot be encoded')
+            raise OSError(f'{path}: the filmstrip cannot be encoded')
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
         partial.write_bytes(encoded.tobytes())

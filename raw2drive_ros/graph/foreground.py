@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros.cli.graph import END_WITHIN_S, running_graph
 from raw2drive_ros.errors import GraphError
+from raw2drive_ros.graph.processes import END_WITHIN_S, running_graph
 
 # The gate's comfortable stop, then its emergency stop with the shipped brakes: enough from 30 m/s.
 SURVIVES_S = 8.0

@@ -1,0 +1,10 @@
+"""Old spellings of the command line: they work for one more release, and say what to write instead."""
+
+from __future__ import annotations
+
+import sys
+
+
+def warn_old(old: str, new: str) -> None:
+    """One line on stderr."""
+    print(f'warning: {old} is an old spelling and goes with version 0.4; write: {new}', file=sys.stderr)

@@ -1,0 +1,59 @@
+"""Which routes a verb drives: `--routes` and `--seeds`, or `--suite`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from raw2drive_ros.simulation.route_id import RouteId
+
+
+def add_route_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--routes', default='lane-following', help='scenario types, abilities, or all')
+    parser.add_argument('--suite', help='a versioned list of routes instead of --routes, see raw2drive suite list')
+    parser.add_argument('--ability', help='of the suite, only the types that count for this ability')
+    parser.add_argument(
+        '--seeds', type=int, help='--routes: routes per scenario type (20); --suite: repetitions of each route (1)'
+    )
+    parser.add_argument('--first-seed', type=int, default=0, help='--routes: seed of the first route')
+    parser.add_argument('--weather', help="drive in this weather (default: the suite's own; --routes: ClearNoon)")
+
+
+def chosen_routes(options: argparse.Namespace) -> tuple[str, str, list[RouteId]]:
+    """(suite, version, routes). Raises UsageError, UnknownSuiteError, UnknownScenarioError, UnknownWeatherError."""
+    from dataclasses import replace
+
+    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.evaluation.routes import SUITE_VERSION, routes_of
+    from raw2drive_ros.evaluation.suites import load_suite
+    from raw2drive_ros.simulation.scenario import load_scenarios
+    from raw2drive_ros.simulation.weather import CLEAR, get_weather
+
+    if options.seeds is not None and options.seeds < 1:
+        raise UsageError('--seeds: give 1 or more')
+    if options.weather is not None:
+        get_weather(options.weather)
+    if options.suite is None:
+        if options.ability is not None:
+            raise UsageError('--ability goes with --suite; without one use --routes ABILITY')
+        seeds = 20 if options.seeds is None else options.seeds
+        return (
+            options.routes,
+            SUITE_VERSION,
+            routes_of(options.routes, seeds, options.first_seed, options.weather or CLEAR),
+        )
+    suite = load_suite(options.suite)
+    name, routes = suite.name, list(suite.routes)
+    if options.ability is not None:
+        known = load_scenarios()
+        plain = options.ability.replace('-', '').lower()
+        routes = [route for route in routes if plain in (a.lower() for a in known[route.type].abilities)]
+        if not routes:
+            names = ', '.join(sorted({a for s in known.values() for a in s.abilities}))
+            raise UsageError(f'--ability {options.ability}: no such routes in {suite.name}; abilities: {names}')
+        name = f'{suite.name}/{options.ability}'
+    if options.weather is not None:
+        routes = [replace(route, weather=options.weather) for route in routes]
+        name = f'{name}/{options.weather}'
+    return name, suite.version, [replace(r, repetition=i) for i in range(options.seeds or 1) for r in routes]
