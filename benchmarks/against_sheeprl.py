@@ -46,7 +46,8 @@ from benchmarks.sheeprl_steps import gflop, parameter_count, timed
 from benchmarks.training_step import random_batch
 from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.training.config import RunConfig
-from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer
+from raw2drive_ros.training.privileged import PrivilegedTrainer
+from raw2drive_ros.vector_layout import EGO_SIZE
 
 EXAMPLES = """examples:
   python -m benchmarks.against_sheeprl --sheeprl-python /path/to/venv/bin/python

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from raw2drive_ros.driving.bundle import load_bundle
-from raw2drive_ros.driving.driver import RawDriver
-from raw2drive_ros.evaluation.drivers import SensorDriver
+from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.evaluation.episode import drive_route
+from raw2drive_ros.evaluation.episode_driver import SensorDriver
 from raw2drive_ros.settings import default_bundle
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId

@@ -28,11 +28,12 @@ os.environ.setdefault('GOMP_SPINCOUNT', '30000')
 import torch
 
 from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.training import privileged
+from raw2drive_ros.training import losses
 from raw2drive_ros.training.config import make_config
-from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer
+from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.recipe import load_recipe
 from raw2drive_ros.training.replay import Batch
+from raw2drive_ros.vector_layout import EGO_SIZE
 from raw2drive_ros.world_model import rssm as rssm_module
 from raw2drive_ros.world_model.rssm import Rssm
 
@@ -107,7 +108,7 @@ def main() -> None:
         'full 3x3 convolutions': lambda: convolves.step(batch),
         'softmax over the last axis': without(rssm_module, 'mixed_log_probs', slow_log_probs),
         'weight gradients at every step of the loop': without(Rssm, 'maps', Rssm.plain_maps),
-        'binary cross-entropy by autograd': without(privileged, 'mask_loss', plain_mask_loss),
+        'binary cross-entropy by autograd': without(losses, 'mask_loss', plain_mask_loss),
         'masks channels first in memory': lambda: trainer.step(contiguous),
     }
     if options.collector:

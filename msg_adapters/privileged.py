@@ -14,7 +14,8 @@ from msg_adapters.sensors import BASE_FRAME
 from msg_adapters.stamps import set_stamp, stamp_ns
 from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.errors import ContractError
-from raw2drive_ros.privileged_contract import EGO_FIELDS, PrivilegedFrame, Transition
+from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
+from raw2drive_ros.vector_layout import EGO_FIELDS
 
 _FORMAT = re.compile(r'bev_bits; shape=(\d+)x(\d+)x(\d+); packing=channel_major_msb_first')
 _TERM_PREFIX = 'reward/'

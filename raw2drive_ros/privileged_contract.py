@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raw2drive_ros.errors import ContractError
-
-EGO_FIELDS = ('speed_mps', 'steer', 'throttle', 'brake', 'yaw_rate_radps')
+from raw2drive_ros.vector_layout import EGO_SIZE
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +20,7 @@ class PrivilegedFrame:
     """Ground truth of one decision tick.
 
     bev: (C, H, W) bool, BEV masks, row 0 is far ahead, column 0 is left; channels: `bev_channels`.
-    ego: (5,) float32 in the order of `EGO_FIELDS`.
+    ego: (5,) float32 in the order of `vector_layout.EGO_FIELDS`.
     """
 
     stamp_ns: int
@@ -31,7 +30,7 @@ class PrivilegedFrame:
     def validate(self) -> PrivilegedFrame:
         if self.bev.ndim != 3 or self.bev.dtype != np.bool_:
             raise ContractError(f'PrivilegedFrame.bev: {self.bev.dtype} {self.bev.shape}')
-        if self.ego.shape != (len(EGO_FIELDS),) or not np.isfinite(self.ego).all():
+        if self.ego.shape != (EGO_SIZE,) or not np.isfinite(self.ego).all():
             raise ContractError(f'PrivilegedFrame.ego: {self.ego}')
         return self
 

@@ -50,16 +50,21 @@ def load_strict(kind: type[Model], path: Path) -> Model:
     except (ValidationError, TypeError) as error:
         if isinstance(error, TypeError):
             raise ConfigError(f'{path}: keys must be words') from error
-        raise ConfigError(f'{path}: {_problems(error)}') from error
+        raise ConfigError(f'{path}: {problems(error)}') from error
 
 
-def _problems(error: ValidationError) -> str:
-    """All in one line, keys that nobody knows first: a mistyped one is the cause of a missing one."""
+def problems(error: ValidationError) -> str:
+    """All in one line, unknown keys first: a mistyped one is the cause of a missing one."""
     found = [(each['type'], '.'.join(str(part) for part in each['loc']), each['msg']) for each in error.errors()]
     unknown = [where for kind, where, _ in found if kind == 'extra_forbidden']
     missing = [where for kind, where, _ in found if kind == 'missing']
     said = [f'{", ".join(unknown)}: no such key'] if unknown else []
-    said += [f'{where}: {text}' for kind, where, text in found if kind not in ('extra_forbidden', 'missing')]
+    others = [
+        (where, text.removeprefix('Value error, '))
+        for kind, where, text in found
+        if kind not in ('extra_forbidden', 'missing')
+    ]
+    said += [f'{where}: {text}' if where else text for where, text in others]
     if missing:
         said.append(f'missing: {", ".join(missing)}')
     return '; '.join(said)

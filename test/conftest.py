@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
-from raw2drive_ros.evaluation.drivers import rule_driver
+from raw2drive_ros.evaluation.world_drivers import rule_driver
 from raw2drive_ros.training.export import export_bundle
 from raw2drive_ros.training.run import train
 

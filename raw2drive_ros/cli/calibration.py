@@ -39,7 +39,8 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.report.calibration import CalibrationProbe, Traces, joined, numbers
     from raw2drive_ros.report.calibration_plot import save_calibration
     from raw2drive_ros.training.dataset import load_bag
-    from raw2drive_ros.training.teacher import load_teacher
+    from raw2drive_ros.training.export import training_metadata
+    from raw2drive_ros.world_model.teacher import load_teacher
 
     if options.samples < 1 or options.threads < 1:
         raise UsageError('--samples and --threads: give 1 or more')
@@ -47,15 +48,15 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'--out {options.out}: give a name that ends in .png')
     torch.set_num_threads(options.threads)
     paths = find_bags(options.bags)
-    trainer = load_teacher(options.training_run)
-    probe = CalibrationProbe(trainer, options.samples)
-    learnt = _training_bags(options.training_run)
+    teacher = load_teacher(options.training_run)
+    probe = CalibrationProbe(teacher, options.samples)
+    learnt = set(training_metadata(options.training_run).get('training_bags', ()))
     traces: list[Traces] = []
     drivers: dict[str, int] = {}
     seen = 0
     with bar('calibrating', len(paths), 'bags') as advance:
         for number, path in enumerate(paths):
-            bag = load_bag(path, options.cache, trainer.config.model, cameras=False)
+            bag = load_bag(path, options.cache, teacher.config, cameras=False)
 
             def progress(ticks: int, number: int = number, name: str = path.name, total: int = len(bag)) -> None:
                 advance(number + ticks / total, name)
@@ -65,14 +66,14 @@ def run(options: argparse.Namespace) -> int:
             seen += bag.identity in learnt
     found: dict[str, Any] = {
         'run': str(options.training_run),
-        'steps': trainer.steps,
+        'steps': teacher.steps,
         'bags': len(paths),
         'bags_learnt_from': seen,
         'drivers': drivers,
         'samples': options.samples,
     }
     found |= numbers(traces, probe.gamma)
-    title = f'{options.training_run.resolve().name}, {trainer.steps} steps, {len(paths)} bags ({_drivers(found)})'
+    title = f'{options.training_run.resolve().name}, {teacher.steps} steps, {len(paths)} bags ({_drivers(found)})'
     picture = save_calibration(options.out, title, found, joined(traces))
     if options.json:
         print(json.dumps(found | {'picture': str(picture)}))
@@ -80,17 +81,6 @@ def run(options: argparse.Namespace) -> int:
     _print(found)
     print(picture)
     return 0
-
-
-def _training_bags(path: Path) -> set[str]:
-    """Identities of the bags that a run, a checkpoint or a teacher bundle learnt from; a run's are those of its newest
-    round. Raises CheckpointError."""
-    from raw2drive_ros.training.teacher import run_metadata
-
-    if (path / 'teacher.json').is_file():
-        return set(json.loads((path / 'teacher.json').read_text())['metadata'].get('training_bags', ()))
-    run = next((p for p in (path, *path.parents) if (p / 'config.json').is_file()), None)
-    return set(run_metadata(run)['training_bags']) if run else set()
 
 
 def _drivers(found: dict[str, Any]) -> str:

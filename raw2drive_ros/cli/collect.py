@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.evaluation.drivers import driver_help
 from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, get_weather
 
 EXAMPLES = """examples:
@@ -18,9 +19,7 @@ The bags hold the same topics as those of `raw2drive record`."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        '--driver', default='rule', help='rule, expert, idm, constant, privileged, raw, straight or random'
-    )
+    parser.add_argument('--driver', default='rule', help=driver_help())
     parser.add_argument('--run', dest='training_run', type=Path, help='run, checkpoint or teacher that drives')
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw')
     parser.add_argument(
@@ -59,9 +58,10 @@ def run(options: argparse.Namespace) -> int:
 
     from raw2drive_ros.errors import UsageError
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
-    from raw2drive_ros.evaluation.drivers import expert_driver, make_driver
+    from raw2drive_ros.evaluation.drivers import make_driver
     from raw2drive_ros.evaluation.routes import weighted_types
     from raw2drive_ros.evaluation.table_actions import ASKED_TICKS, AdvisedDriver, through_table
+    from raw2drive_ros.evaluation.world_drivers import expert_driver
     from raw2drive_ros.progress import bar
     from raw2drive_ros.simulation.camera_rig import SIZES
 

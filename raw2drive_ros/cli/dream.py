@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.errors import UsageError
     from raw2drive_ros.report.dream import dream, save_dream, ticks_around
     from raw2drive_ros.settings import default_teacher
-    from raw2drive_ros.training.teacher import load_teacher
+    from raw2drive_ros.world_model.teacher import load_teacher
 
     if options.at < 0 or options.seconds <= 0:
         raise UsageError('--at: give 0 or more; --seconds: more than 0')
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     ticks, begins = ticks_around(options.bag, options.at, options.seconds)
     if options.training_run is None and not default_teacher().is_dir():
         raise UsageError(f'give --run: the shipped teacher is not at {default_teacher()}')
-    trainer = load_teacher(options.training_run or default_teacher())
-    found = dream(trainer, ticks, begins, own_actions=options.own_actions)
-    print(f'{save_dream(options.out, found, list(trainer.config.model.mask_classes))}: {ticks[begins].episode}')
+    teacher = load_teacher(options.training_run or default_teacher())
+    found = dream(teacher, ticks, begins, own_actions=options.own_actions)
+    print(f'{save_dream(options.out, found, list(teacher.config.mask_classes))}: {ticks[begins].episode}')
     return 0

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from raw2drive_ros.cli.deprecation import warn_old
 from raw2drive_ros.cli.route_options import add_route_arguments, chosen_routes
+from raw2drive_ros.evaluation.drivers import DRIVERS, driver_help
 
 EXAMPLES = """examples:
   raw2drive evaluate --driver raw --routes lane-following --seeds 20 --json
@@ -26,9 +27,7 @@ decimetres and half a metre per second beside it, with other sensor noise."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        '--driver', default='raw', help='raw, privileged, expert, rule, idm, constant, straight or random'
-    )
+    parser.add_argument('--driver', default='raw', help=driver_help())
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument(
         '--run', dest='training_run', type=Path, help='of driver privileged: run, checkpoint or teacher'
@@ -103,7 +102,8 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError('--workers: give 1 or more')
     if options.graph and (options.workers > 1 or options.blind):
         raise UsageError('--graph drives one route after another, with open eyes: no --workers, no --blind')
-    if options.table and (options.graph or options.driver in ('raw', 'privileged')):
+    known = DRIVERS.get(options.driver)
+    if options.table and (options.graph or (known is not None and known.table)):
         raise UsageError('--table is for drivers of continuous commands, in process: expert, rule, idm, constant')
 
 

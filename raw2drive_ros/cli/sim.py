@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     height, width = SIZES[options.size]
     if options.picture is not None:
-        from raw2drive_ros.evaluation.drivers import rule_driver
+        from raw2drive_ros.evaluation.world_drivers import rule_driver
         from raw2drive_ros.report.scene import save_picture
         from raw2drive_ros.simulation.route_id import RouteId
 

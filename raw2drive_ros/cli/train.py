@@ -129,9 +129,9 @@ def _run_recipe(options: argparse.Namespace) -> int:
 
 
 def _export_teacher(options: argparse.Namespace) -> int:
-    from raw2drive_ros.training.teacher import run_metadata, save_teacher
+    from raw2drive_ros.training.export import export_teacher
 
-    identity = save_teacher(options.export, options.training_run, run_metadata(options.training_run))
+    identity = export_teacher(options.training_run, options.export)
     print(f'teacher {identity} in {options.export}')
     print(f'next: raw2drive evaluate --driver privileged --run {options.export} --suite b2d220 --workers 2')
     return 0

@@ -1,23 +1,10 @@
-"""The one function that drives: planner node, in-process evaluator and bag replay all call `RawDriver.drive`."""
+"""What a driver is: everything that decides on sensor frames, learned or not."""
 
 from __future__ import annotations
 
-import time
 from typing import Protocol
 
-import numpy as np
-import torch
-from numpy.typing import NDArray
-from torch import Tensor
-
-from raw2drive_ros.actions import ACTION_COUNT, ACTIONS
 from raw2drive_ros.contract import Decision, Route, SensorFrame
-from raw2drive_ros.driving.bundle import Bundle
-from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
-from raw2drive_ros.errors import ContractError
-from raw2drive_ros.world_model.rssm import State
-
-FORGET_AFTER_S = 1.0
 
 
 class Driver(Protocol):
@@ -30,77 +17,3 @@ class Driver(Protocol):
 
     def drive(self, frame: SensorFrame, route: Route) -> Decision:
         """Decide on one frame; frames come in time order."""
-
-
-class RawDriver:
-    """The raw policy, deterministic: modes instead of samples, one thread unless told otherwise.
-
-    A new route (another stamp) starts a new episode by itself, and so do time that goes back and a gap longer than
-    `FORGET_AFTER_S`: what was believed before says little about now.
-    """
-
-    name = 'raw'
-
-    def __init__(self, bundle: Bundle, threads: int = 1) -> None:
-        self.bundle = bundle
-        self.cameras = [camera.name for camera in bundle.rig]
-        torch.set_num_threads(threads)
-        with torch.inference_mode():
-            self.maps = bundle.model.rssm.plain_maps()
-        self.reset()
-
-    def reset(self) -> None:
-        self.progress = RouteProgress()
-        self.state: State = self.bundle.model.rssm.initial(1)
-        self.action = torch.zeros(1, ACTION_COUNT)
-        self.stamp_ns: int | None = None
-
-    def drive(self, frame: SensorFrame, route: Route) -> Decision:
-        """Raises ContractError when a camera is missing or has the wrong size."""
-        started = time.perf_counter()
-        new_route = self.progress.route is not None and route.stamp_ns != self.progress.route.stamp_ns
-        gap_s = 0.0 if self.stamp_ns is None else (frame.stamp_ns - self.stamp_ns) * 1e-9
-        if new_route or not 0.0 <= gap_s <= FORGET_AFTER_S:
-            self.reset()
-        self.stamp_ns = frame.stamp_ns
-        self.progress.update(route, frame.odometry)
-        images = torch.from_numpy(self._stack(frame))
-        vector = torch.from_numpy(raw_vector(frame.imu, frame.odometry, self.progress))[None]
-        with torch.inference_mode():
-            action, probability = self._decide(images, vector)
-        elapsed_ms = (time.perf_counter() - started) * 1e3
-        return Decision(frame.stamp_ns, ACTIONS[action], action, elapsed_ms, {'probability': probability})
-
-    def _stack(self, frame: SensorFrame) -> NDArray[np.uint8]:
-        height, width = self.bundle.config.image_size
-        images = []
-        for camera in self.cameras:
-            image = frame.images.get(camera)
-            if image is None:
-                raise ContractError(f'camera {camera} is missing from the frame')
-            if image.shape != (height, width, 3):
-                raise ContractError(
-                    f'camera {camera}: image {image.shape[0]}x{image.shape[1]}, the bundle needs {height}x{width}'
-                )
-            images.append(image)
-        return np.stack(images)[None]
-
-    def _decide(self, images: Tensor, vector: Tensor) -> tuple[int, float]:
-        model = self.bundle.model
-        rssm = model.rssm
-        grid, features = model.encode(images, vector)
-        hidden = rssm.post_embed(model.embed(grid, features))
-        deter = rssm.step_deter(self.state, self.action, self.maps)
-        post = rssm.posterior(deter, hidden)
-        stoch = torch.nn.functional.one_hot(post.argmax(-1), post.shape[-1]).float().flatten(-2)
-        self.state = State(deter, stoch)
-        log_probs = self.bundle.actor(self.state.feature)
-        action = int(log_probs.argmax(-1))
-        self.action = torch.nn.functional.one_hot(torch.tensor([action]), ACTION_COUNT).float()
-        return action, float(log_probs[0, action].exp())
-
-    def reconstruct(self) -> NDArray[np.float32]:
-        """(C*P*P, G, G) mask probabilities that the model believes in now: for videos, not for driving."""
-        with torch.inference_mode():
-            masks: Tensor = torch.sigmoid(self.bundle.model.decoder(self.state.feature))
-        return np.asarray(masks[0])

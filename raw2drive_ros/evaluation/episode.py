@@ -15,7 +15,7 @@ from raw2drive_ros.contract import Control, Decision, SensorFrame
 from raw2drive_ros.driving.gate import Gate, Moment
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.evaluation.comfort import comfort_percent
-from raw2drive_ros.evaluation.drivers import EpisodeDriver
+from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult, efficiency_percent, score_route
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.route_id import RouteId

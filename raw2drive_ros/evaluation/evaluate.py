@@ -17,8 +17,9 @@ import numpy as np
 from raw2drive_ros.contract import Decision
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.errors import ResultsError
-from raw2drive_ros.evaluation.drivers import BlindfoldedDriver, EpisodeDriver, make_driver
+from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
+from raw2drive_ros.evaluation.episode_driver import BlindfoldedDriver, EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult, failed_route
 from raw2drive_ros.evaluation.statistics import Results, by_ability, flaky, summary
 from raw2drive_ros.evaluation.table_actions import through_table
@@ -63,7 +64,7 @@ class DriverSpec:
             weights = load_bundle(self.bundle).identity
         elif self.name == 'privileged':
             # Late: the bridge imports this module and trains nothing.
-            from raw2drive_ros.training.teacher import teacher_identity
+            from raw2drive_ros.world_model.teacher import teacher_identity
 
             weights = teacher_identity(self.run or default_teacher())
         options = ['blind'] * self.blind + ['table'] * self.table

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.artifact import restore_folder, whole_folder
 from raw2drive_ros.errors import CheckpointError
 from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.progress import bar
-from raw2drive_ros.training.checkpoint import newest_checkpoint
 from raw2drive_ros.training.recipe import Collection, Recipe
 from raw2drive_ros.training.run import RunFolder, train
-from raw2drive_ros.training.teacher import BEST
+from raw2drive_ros.world_model.run_files import BEST, newest_checkpoint
 
 POLL_S = 1.0
 DONE = 'collected.json'
@@ -158,18 +158,10 @@ def failures_by_type(run: Path, index: int) -> dict[str, float]:
 def keep_if_best(run: Path, checkpoint: Path, score: dict[str, Any]) -> bool:
     """Copy a checkpoint to `run/best` when its `driving_score` beats that of the one there."""
     best = run / BEST
-    partial, old = best.with_suffix('.partial'), best.with_suffix('.old')
-    if not best.is_dir() and old.is_dir():
-        # A kill between the two renames below.
-        old.replace(best)
+    restore_folder(best)
     if best.is_dir() and score['driving_score'] <= json.loads((best / 'score.json').read_text())['driving_score']:
         return False
-    for leftover in (partial, old):
-        shutil.rmtree(leftover, ignore_errors=True)
-    shutil.copytree(checkpoint, partial)
-    (partial / 'score.json').write_text(json.dumps(score))
-    if best.is_dir():
-        best.replace(old)
-    partial.replace(best)
-    shutil.rmtree(old, ignore_errors=True)
+    with whole_folder(best) as folder:
+        shutil.copytree(checkpoint, folder, dirs_exist_ok=True)
+        (folder / 'score.json').write_text(json.dumps(score))
     return True

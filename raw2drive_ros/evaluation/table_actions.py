@@ -13,8 +13,9 @@ import numpy as np
 
 from raw2drive_ros.actions import ACTIONS, BRAKE_ACTION
 from raw2drive_ros.contract import Control, Decision, SensorFrame
-from raw2drive_ros.evaluation.drivers import EpisodeDriver, expert_driver
+from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.expert import REPLAN_TICKS
+from raw2drive_ros.evaluation.world_drivers import expert_driver
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
 

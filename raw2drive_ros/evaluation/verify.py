@@ -11,7 +11,7 @@ from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import topics
 from raw2drive_ros.contract import Control, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
-from raw2drive_ros.driving.driver import RawDriver
+from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.errors import BagError
 from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag, read_ticks
 

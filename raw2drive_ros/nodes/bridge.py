@@ -24,8 +24,9 @@ from msg_adapters.factory import RclpyFactory
 from raw2drive_ros import topics
 from raw2drive_ros.contract import Decision
 from raw2drive_ros.errors import NodeError, UnknownScenarioError, UnknownWeatherError
-from raw2drive_ros.evaluation.drivers import EpisodeDriver, make_driver
+from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
+from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.evaluate import timing_of
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.nodes.command_wait import CommandWait

@@ -21,9 +21,10 @@ from torch import Tensor
 from raw2drive_ros.actions import ACTION_COUNT
 from raw2drive_ros.contract import Float64
 from raw2drive_ros.training.dataset import FIRST, LAST, TERMINAL, BagArrays
-from raw2drive_ros.training.privileged import PrivilegedTrainer
+from raw2drive_ros.world_model.agent import imagine_open_loop
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.rssm import State
+from raw2drive_ros.world_model.teacher import Teacher
 
 HORIZONS = (1, 5, 10)
 # Nearly every state is far from an end: the first tenth is split.
@@ -90,9 +91,9 @@ class CalibrationProbe:
 
     samples: imagined futures of each state, whose mean is the predicted probability."""
 
-    def __init__(self, trainer: PrivilegedTrainer, samples: int = 4, seed: int = 0) -> None:
-        self.model, self.critic = trainer.model.eval(), trainer.policy.critic.eval()
-        self.codec, self.gamma = MaskCodec(trainer.config.model), trainer.config.train.gamma
+    def __init__(self, teacher: Teacher, samples: int = 4, seed: int = 0) -> None:
+        self.model, self.critic = teacher.model.eval(), teacher.policy.critic.eval()
+        self.codec, self.gamma = MaskCodec(teacher.config), teacher.gamma
         self.samples = samples
         # Two, so that what is filtered does not depend on how much is imagined.
         self.filtering, self.imagining = (torch.Generator().manual_seed(2 * seed + i) for i in (0, 1))
@@ -152,13 +153,11 @@ class CalibrationProbe:
 
     def _imagine(self, start: State, actions: Tensor) -> Tensor:
         """(N, 3) probability of having ended within `HORIZONS` steps on (N, K, A) actions."""
-        rssm = self.model.rssm
-        state = State(*(x.repeat_interleave(self.samples, 0) for x in (start.deter, start.stoch)))
-        going, found = torch.ones(len(state.deter)), []
-        for step in range(actions.shape[1]):
-            deter = rssm.step_deter(state, actions[:, step].repeat_interleave(self.samples, 0))
-            uniform = torch.rand(len(deter), rssm.config.stoch, generator=self.imagining)
-            state = State(deter, rssm.sample(rssm.prior(deter), uniform))
+        rssm, steps = self.model.rssm, actions.shape[1]
+        begin = State(*(x.repeat_interleave(self.samples, 0) for x in (start.deter, start.stoch)))
+        uniforms = (torch.rand(len(begin.deter), rssm.config.stoch, generator=self.imagining) for _ in range(steps))
+        going, found = torch.ones(len(begin.deter)), []
+        for state in imagine_open_loop(rssm, begin, actions.repeat_interleave(self.samples, 0), uniforms):
             going = going * self.model.cont(state.feature)
             found.append(1.0 - going.view(-1, self.samples).mean(1))
         return torch.stack([found[k - 1] for k in HORIZONS], 1)

@@ -20,10 +20,11 @@ from raw2drive_ros.errors import BagError
 from raw2drive_ros.recording.bag_reader import BagTick, open_bag, read_ticks
 from raw2drive_ros.report.panels import FRAME, Rgb, canvas_of, mp4, put, text
 from raw2drive_ros.simulation.world import DECISION_HZ
-from raw2drive_ros.training.privileged import PrivilegedTrainer
-from raw2drive_ros.world_model.distributions import sample_one_hot
+from raw2drive_ros.world_model.agent import imagine_open_loop
+from raw2drive_ros.world_model.distributions import class_one_hot, sample_one_hot
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.rssm import State
+from raw2drive_ros.world_model.teacher import Teacher
 
 WARM_UP_S, SHOWN_BEFORE_S = 5.0, 2.0
 SIDE, GAP, PLOT_PX, BORDER = 256, 16, 90, 4
@@ -71,42 +72,67 @@ def ticks_around(bag: Path, at_s: float, seconds: float) -> tuple[list[BagTick],
 
 
 @torch.no_grad()
-def dream(trainer: PrivilegedTrainer, ticks: list[BagTick], begins: int, *, own_actions: bool = False) -> Dream:
+def dream(teacher: Teacher, ticks: list[BagTick], begins: int, *, own_actions: bool = False) -> Dream:
     """Filter all ticks; from `begins` on also imagine, on the recorded or on the policy's own actions."""
-    model, codec = trainer.model.eval(), MaskCodec(trainer.config.model)
-    actor = trainer.policy.actor.eval()
-    rssm = model.rssm
+    codec, stoch = MaskCodec(teacher.config), teacher.config.stoch
+    rssm, actor = teacher.model.eval().rssm, teacher.policy.actor.eval()
     generator = torch.Generator().manual_seed(0)
-    believed, imagined = rssm.initial(1), rssm.initial(1)
+    # Of one tick: the sample of its state, and last that of an action.
+    uniforms = [torch.rand(1, stoch + 1, generator=generator) for _ in ticks]
+    masks = [_masks(codec, tick) for tick in ticks]
+    actions = torch.stack([_action(tick) for tick in ticks], 1)
+    believed = _filter(teacher, ticks, masks, actions, uniforms)
+    start = believed[begins - 1] if begins else rssm.initial(1)
+    ahead = uniforms[begins:]
+
+    def own(step: int, state: State) -> Tensor:
+        return sample_one_hot(actor(state.feature), ahead[step][:, -1])
+
+    chosen = own if own_actions else actions[:, begins:]
+    imagined = list(imagine_open_loop(rssm, start, chosen, (u[:, :-1] for u in ahead)))
     found = Dream(begins)
-    for index, tick in enumerate(ticks):
-        assert tick.privileged is not None and tick.transition is not None
-        deep = torch.from_numpy(codec.unpack(codec.pack(tick.privileged.bev)[None])).float()
-        action = torch.zeros(1, ACTION_COUNT)
-        if tick.transition.action >= 0:
-            action[0, tick.transition.action] = 1.0
-        grid, vector = model.encode(deep, torch.from_numpy(tick.privileged.ego)[None])
-        deter = rssm.step_deter(believed, action)
-        post = rssm.posterior(deter, rssm.post_embed(model.embed(grid, vector)))
-        uniform = torch.rand(1, rssm.config.stoch + 1, generator=generator)
-        believed_before, believed = believed, State(deter, rssm.sample(post, uniform[:, :-1]))
-        if index >= begins:
-            start = believed_before if index == begins else imagined
-            if own_actions:
-                action = sample_one_hot(actor(start.feature), uniform[:, -1])
-            deter = rssm.step_deter(start, action)
-            imagined = State(deter, rssm.sample(rssm.prior(deter), uniform[:, :-1]))
+    for index, (tick, deep) in enumerate(zip(ticks, masks, strict=True)):
+        assert tick.transition is not None
         _note(found, 'truth', codec, deep, tick.transition.reward, float(not tick.transition.is_terminal))
-        _note(found, 'posterior', codec, *_read(trainer, believed))
+        _note(found, 'posterior', codec, *_read(teacher, believed[index]))
         if index < begins:
             _note(found, 'imagined', codec, torch.zeros_like(deep), float('nan'), float('nan'))
         else:
-            _note(found, 'imagined', codec, *_read(trainer, imagined))
+            _note(found, 'imagined', codec, *_read(teacher, imagined[index - begins]))
     return found
 
 
-def _read(trainer: PrivilegedTrainer, state: State) -> tuple[Tensor, float, float]:
-    model, feature = trainer.model, state.feature
+def _masks(codec: MaskCodec, tick: BagTick) -> Tensor:
+    """(1, C*P*P, G, G) of a tick."""
+    assert tick.privileged is not None
+    return torch.from_numpy(codec.unpack(codec.pack(tick.privileged.bev)[None])).float()
+
+
+def _action(tick: BagTick) -> Tensor:
+    """(1, A) one-hot of the action that led to a tick, zero where none did."""
+    assert tick.transition is not None
+    chosen = tick.transition.action
+    return class_one_hot(torch.tensor([max(chosen, 0)]), ACTION_COUNT) * float(chosen >= 0)
+
+
+def _filter(
+    teacher: Teacher, ticks: list[BagTick], masks: list[Tensor], actions: Tensor, uniforms: list[Tensor]
+) -> list[State]:
+    """The sampled posterior state after each tick."""
+    model, rssm = teacher.model, teacher.model.rssm
+    state, found = rssm.initial(1), []
+    for index, (tick, deep) in enumerate(zip(ticks, masks, strict=True)):
+        assert tick.privileged is not None
+        embed = model.embed(*model.encode(deep, torch.from_numpy(tick.privileged.ego)[None]))
+        deter = rssm.step_deter(state, actions[:, index])
+        posterior = rssm.posterior(deter, rssm.post_embed(embed))
+        state = State(deter, rssm.sample(posterior, uniforms[index][:, :-1]))
+        found.append(state)
+    return found
+
+
+def _read(teacher: Teacher, state: State) -> tuple[Tensor, float, float]:
+    model, feature = teacher.model, state.feature
     return torch.sigmoid(model.decoder(feature)), float(model.reward(feature)), float(model.cont(feature))
 
 

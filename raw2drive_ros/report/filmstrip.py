@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from raw2drive_ros.artifact import write_whole
 from raw2drive_ros.bev_channels import CHANNELS, SIZE_PX
 from raw2drive_ros.bev_colours import colour_masks
 from raw2drive_ros.report.panels import Rgb, text
@@ -57,9 +57,7 @@ class FilmstripRecorder:
         if not done:
             raise OSError(f'{path}: the filmstrip cannot be encoded')
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
-        partial.write_bytes(encoded.tobytes())
-        partial.replace(path)
+        write_whole(path, encoded.tobytes())
         return path
 
 

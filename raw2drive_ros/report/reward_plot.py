@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from raw2drive_ros.contract import Float64
-from raw2drive_ros.evaluation.drivers import EpisodeDriver
 from raw2drive_ros.evaluation.episode import drive_route
+from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId

@@ -10,8 +10,8 @@ import numpy as np
 from raw2drive_ros.bev_channels import CHANNELS
 from raw2drive_ros.bev_colours import colour_masks
 from raw2drive_ros.contract import Control, Decision
-from raw2drive_ros.evaluation.drivers import EpisodeDriver
 from raw2drive_ros.evaluation.episode import drive_route
+from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult
 from raw2drive_ros.report.overview import Overview
 from raw2drive_ros.report.panels import Rgb, canvas_of, mp4, plot_controls, put, put_mosaic, text

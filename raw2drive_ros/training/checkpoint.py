@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from torch import Tensor
 
-from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.artifact import part_of, whole_folder
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
+from raw2drive_ros.world_model.run_files import STATE, TENSORS, load_modules, read_checkpoint
 
 Trainer = PrivilegedTrainer | RawTrainer
 KEEP = 2
@@ -35,63 +36,39 @@ def _tensors(trainer: Trainer) -> dict[str, Tensor]:
 
 
 def save_checkpoint(folder: Path, trainer: Trainer, replay: Replay, extra: dict[str, Any]) -> Path:
-    """Write `folder/<step>` atomically and drop all but the newest `KEEP`."""
+    """Write `folder/<step>` atomically and drop all but the newest `KEEP`, and what killed writers left."""
     target = folder / f'{trainer.steps:08d}'
-    partial = folder / f'{target.name}.partial'
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
-    save_file(_tensors(trainer), partial / 'tensors.safetensors')
     state = {
         'stage': trainer.stage,
         'steps': trainer.steps,
         'replay_rng': replay.rng.bit_generator.state,
         'bags': [bag.identity for bag in replay.bags],
     } | extra
-    (partial / 'state.json').write_text(json.dumps(state))
-    shutil.rmtree(target, ignore_errors=True)
-    partial.replace(target)
-    for old in sorted(p for p in folder.iterdir() if p.name.isdigit())[:-KEEP]:
-        shutil.rmtree(old)
+    with whole_folder(target) as partial:
+        save_file(_tensors(trainer), partial / TENSORS)
+        (partial / STATE).write_text(json.dumps(state))
+    old = sorted(p for p in folder.iterdir() if p.name.isdigit())[:-KEEP]
+    for path in [*old, *folder.glob('*.partial')]:
+        shutil.rmtree(path, ignore_errors=True)
     return target
 
 
-def newest_checkpoint(folder: Path) -> Path | None:
-    """The newest whole checkpoint, or None."""
-    if not folder.is_dir():
-        return None
-    whole = [p for p in folder.iterdir() if p.name.isdigit() and (p / 'state.json').is_file()]
-    return max(whole, default=None)
-
-
-def load_weights(checkpoint: Path, trainer: Trainer) -> dict[str, Any]:
-    """Weights only, e.g. of the teacher. Returns the stored state."""
-    tensors, state = _read(checkpoint)
-    for name, module in trainer.modules().items():
-        part = {k.removeprefix(f'{name}/'): v for k, v in tensors.items() if k.startswith(f'{name}/')}
-        try:
-            module.load_state_dict(part)
-        except RuntimeError as error:
-            reason = str(error).splitlines()[0]
-            raise CheckpointError(f'{checkpoint}: does not fit this configuration: {reason}') from error
+def load_weights(checkpoint: Path, trainer: Trainer) -> None:
+    """Weights and the number of steps only. Raises CheckpointError."""
+    tensors, state = read_checkpoint(checkpoint)
+    load_modules(checkpoint, tensors, trainer.modules())
     trainer.steps = int(state['steps'])
-    return state
 
 
 def load_checkpoint(checkpoint: Path, trainer: Trainer, replay: Replay) -> dict[str, Any]:
-    """Everything, so that training goes on as if it had never stopped."""
-    state = load_weights(checkpoint, trainer)
-    tensors, _ = _read(checkpoint)
+    """Everything, so that training goes on as if it had never stopped; returns the stored state. Raises
+    CheckpointError."""
+    tensors, state = read_checkpoint(checkpoint)
+    load_modules(checkpoint, tensors, trainer.modules())
+    trainer.steps = int(state['steps'])
     for name, optimiser in trainer.optimisers().items():
-        prefix = f'optimiser.{name}/'
-        optimiser.load_tensors({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
+        optimiser.load_tensors(part_of(tensors, f'optimiser.{name}'))
     torch.set_rng_state(tensors['rng/torch'])
     trainer.generator.set_state(tensors['rng/trainer'])
     replay.rng.bit_generator.state = state['replay_rng']
     return state
-
-
-def _read(checkpoint: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    try:
-        return load_file(checkpoint / 'tensors.safetensors'), json.loads((checkpoint / 'state.json').read_text())
-    except Exception as error:
-        raise CheckpointError(f'{checkpoint}: cannot be read: {error}') from error

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Literal
 
 import torch
 from pydantic import Field, ValidationError, model_validator
 from torch import Tensor
 
-from raw2drive_ros.errors import ConfigError
-from raw2drive_ros.settings import Strict, load_preset
+from raw2drive_ros.errors import CheckpointError, ConfigError
+from raw2drive_ros.settings import Strict, load_preset, problems
 from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.run_files import read_run
+from raw2drive_ros.world_model.streams import Share
 
 
 class TrainConfig(Strict):
@@ -64,7 +67,8 @@ class TrainConfig(Strict):
     align_space: bool = Field(True, description='false: align the mean over grid cells only')
     align_time: bool = Field(True, description='false: align the last step of a sequence only')
     sample_source: Literal['raw', 'privileged', 'independent'] = 'raw'
-    share: Literal['init', 'tied', 'none'] = 'init'
+    share_rssm: Share = Field('init', description='how the raw RSSM begins: as a copy, as the frozen one itself, fresh')
+    share_decoder: Share = Field('init', description='the same for the decoder')
     raw_heads: tuple[Literal['reward', 'continue'], ...] = ()
     head_guidance: bool = True
     policy_init: Literal['privileged', 'fresh', 'frozen'] = 'privileged'
@@ -73,6 +77,24 @@ class TrainConfig(Strict):
     log_every: int = 50
     picture_every: int = 1000
     checkpoint_every: int = 500
+
+    @model_validator(mode='before')
+    @classmethod
+    def _share_of_both(cls, given: Any) -> Any:
+        """`share`, which runs of version 0.2 have, meant both the RSSM and the decoder."""
+        if isinstance(given, dict) and 'share' in given:
+            given = {name: value for name, value in given.items() if name != 'share'} | dict.fromkeys(
+                ('share_rssm', 'share_decoder'), given['share']
+            )
+        return given
+
+    @model_validator(mode='after')
+    def _heads_to_judge_with(self) -> TrainConfig:
+        if not self.head_guidance and set(self.raw_heads) != {'reward', 'continue'}:
+            raise ValueError(
+                'head_guidance=false needs raw_heads=[reward,continue]: something has to judge imagination'
+            )
+        return self
 
 
 class RunConfig(Strict):
@@ -96,6 +118,14 @@ class RunConfig(Strict):
         return torch.tensor(weights).repeat_interleave(self.model.patch**2)
 
 
+def read_run_config(run: Path) -> RunConfig:
+    """The configuration of an existing run. Raises CheckpointError."""
+    try:
+        return RunConfig(**read_run(run)['config'])
+    except (ValueError, TypeError) as error:
+        raise CheckpointError(f'{run}: its configuration is not that of a run: {error}') from error
+
+
 def make_config(preset: str, overrides: dict[str, Any] | None = None) -> RunConfig:
     """A preset with `train` fields replaced. Raises ConfigError that names the field."""
     raw = load_preset(preset)
@@ -111,6 +141,4 @@ def _checked(preset: str, model: dict[str, Any], train: dict[str, Any]) -> RunCo
     try:
         return RunConfig(preset=preset, model=ModelConfig(**model), train=TrainConfig(**train))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = '.'.join(str(part) for part in first['loc'])
-        raise ConfigError(f'preset {preset}: {where}: {first["msg"]}') from error
+        raise ConfigError(f'preset {preset}: {problems(error)}') from error

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +18,10 @@ from numpy.typing import NDArray
 
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros import topics
+from raw2drive_ros.artifact import whole_folder
 from raw2drive_ros.contract import CameraCalibration
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
 from raw2drive_ros.errors import BagError, ContractError
-from raw2drive_ros.privileged_contract import EGO_FIELDS
 from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import (
     camera_topics,
@@ -33,7 +31,7 @@ from raw2drive_ros.recording.bag_reader import (
     read_ticks,
     require_topics,
 )
-from raw2drive_ros.vector_layout import VECTOR_SIZE
+from raw2drive_ros.vector_layout import EGO_SIZE, VECTOR_SIZE
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 
@@ -103,25 +101,18 @@ def _build(path: Path, folder: Path, codec: MaskCodec, *, cameras: bool) -> None
             wanted += [topics.image_topic(c) for c in topics.CAMERAS if c not in held]
         require_topics(reader, path, wanted, purpose)
         count = next(c.msgcount for c in reader.connections if c.topic == topics.TRANSITION)
-        partial = folder.with_name(folder.name + f'.{os.getpid()}.partial')
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        try:
+        with whole_folder(folder) as partial:
             written, episodes = _fill(reader, path, partial, codec, count, cameras=cameras)
             if written == 0:
                 raise BagError(f'{path}: holds no complete tick')
             (partial / 'episodes.json').write_text(json.dumps(episodes))
-            shutil.rmtree(folder, ignore_errors=True)
-            partial.replace(folder)
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
 
 
 def _fill(
     reader: Any, path: Path, folder: Path, codec: MaskCodec, count: int, *, cameras: bool
 ) -> tuple[int, list[str]]:
     masks = np.zeros((count, codec.packed_bytes), np.uint8)
-    ego = np.zeros((count, len(EGO_FIELDS)), np.float32)
+    ego = np.zeros((count, EGO_SIZE), np.float32)
     vector = np.zeros((count, VECTOR_SIZE), np.float32)
     action, advice = np.zeros(count, np.int64), np.full(count, -1, np.int64)
     try:

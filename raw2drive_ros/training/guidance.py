@@ -31,13 +31,18 @@ def observe_pair(
     is_first: Tensor,
     uniform: Tensor,
     source: str = 'raw',
+    *,
+    raw_uniform: Tensor | None = None,
 ) -> PairedRollout:
     """Filter both streams step by step.
 
     One stochastic sample per step, drawn from the stream `source` names, feeds both transitions; drawing
     twice would let the two deterministic states drift apart by sampling noise alone. `independent` does
-    draw twice (the ablation). No gradient reaches the privileged stream.
+    draw twice (the ablation), and then needs `raw_uniform`, (B, T, S) uniforms of the raw stream's own. No gradient
+    reaches the privileged stream. Raises ValueError for `independent` without uniforms that differ.
     """
+    if source == 'independent' and (raw_uniform is None or raw_uniform is uniform):
+        raise ValueError('independent sampling needs uniforms of its own for the raw stream')
     batch, length = actions.shape[:2]
     raw_state, privileged_state = raw.initial(batch), privileged.initial(batch)
     raw_hidden = raw.post_embed(raw_embed)
@@ -62,9 +67,8 @@ def observe_pair(
         else:
             privileged_stoch = privileged.sample(privileged_post, uniform[:, t])
             raw_stoch = privileged_stoch
-            if source == 'independent':
-                # A second, unrelated uniform: the first one turned by half the range.
-                raw_stoch = raw.sample(raw_post, (uniform[:, t] + 0.5 + 0.3 * uniform[:, t].roll(1, -1)) % 1.0)
+            if source == 'independent' and raw_uniform is not None:
+                raw_stoch = raw.sample(raw_post, raw_uniform[:, t])
         raw_state = State(raw_deter, raw_stoch)
         privileged_state = State(privileged_deter, privileged_stoch)
         for name, value in zip(

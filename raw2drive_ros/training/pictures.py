@@ -12,6 +12,7 @@ from raw2drive_ros.bev_colours import colour_masks
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Batch
+from raw2drive_ros.world_model.agent import imagine_open_loop
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.rssm import State
 
@@ -28,22 +29,17 @@ def open_loop(
     Open loop: posterior for `CONTEXT` steps, then the prior alone on the recorded actions.
     """
     rng = trainer.generator.get_state()
-    if isinstance(trainer, PrivilegedTrainer):
-        states, _, _ = trainer.observe(batch)
-    else:
-        states = trainer.model_losses(batch)[1].raw
+    states = trainer.filtered(batch)
+    trainer.generator.set_state(rng)
     rssm, decoder = trainer.model.rssm, trainer.model.decoder
     length = batch.action.shape[1]
-    features = [states.feature[:count, t] for t in range(min(CONTEXT, length))]
-    state = State(states.deter[:count, len(features) - 1], states.stoch[:count, len(features) - 1])
-    for t in range(len(features), length):
-        keep = (~batch.is_first[:count, t]).float().unsqueeze(-1)
-        state = State(state.deter * keep, state.stoch * keep)
-        deter = rssm.step_deter(state, batch.action[:count, t] * keep)
-        noise = torch.full((len(keep), rssm.config.stoch), 0.5)
-        state = State(deter, rssm.sample(rssm.prior(deter), noise))
-        features.append(state.feature)
-    trainer.generator.set_state(rng)
+    seen = min(CONTEXT, length)
+    features = [states.feature[:count, t] for t in range(seen)]
+    start = State(states.deter[:count, seen - 1], states.stoch[:count, seen - 1])
+    # Not drawn: the same batch gives the same picture.
+    uniforms = [torch.full((len(start.deter), rssm.config.stoch), 0.5)] * (length - seen)
+    actions, is_first = batch.action[:count, seen:], batch.is_first[:count, seen:]
+    features += [state.feature for state in imagine_open_loop(rssm, start, actions, uniforms, is_first)]
     shown = states.feature[:count]
     posterior = torch.sigmoid(decoder(shown.flatten(0, 1))).unflatten(0, shown.shape[:2])
     dreamed = torch.sigmoid(decoder(torch.stack(features, 1).flatten(0, 1))).unflatten(0, shown.shape[:2])

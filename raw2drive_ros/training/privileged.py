@@ -8,37 +8,19 @@ import torch
 from torch import Tensor
 
 from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.privileged_contract import EGO_FIELDS
 from raw2drive_ros.training.config import RunConfig
 from raw2drive_ros.training.imagination import choose_starts, imagine, policy_losses, start_noise, update_policy
+from raw2drive_ros.training.losses import decoded_rows, dynamics_losses, reconstruction_losses, weighted_sum
 from raw2drive_ros.training.optimiser import Optimiser
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.replay import Batch
+from raw2drive_ros.vector_layout import EGO_FIELDS
 from raw2drive_ros.world_model.actor_critic import Policy
-from raw2drive_ros.world_model.distributions import categorical_kl, mask_loss, symlog
 from raw2drive_ros.world_model.rssm import State
 from raw2drive_ros.world_model.streams import PrivilegedWorldModel
+from raw2drive_ros.world_model.teacher import Teacher
 
 EGO_SIZE = len(EGO_FIELDS)
-
-
-def dynamics_losses(post: Tensor, prior: Tensor, free_nats: float) -> tuple[Tensor, Tensor]:
-    """(dyn, rep): KL of (B, T, S, K) log-probabilities each way of stopping the gradient, floored."""
-    dyn = categorical_kl(post.detach(), prior).clamp(min=free_nats)
-    rep = categorical_kl(post, prior.detach()).clamp(min=free_nats)
-    return dyn, rep
-
-
-def decoded(count: int, share: float, ranks: Ranks, generator: torch.Generator) -> slice | Tensor:
-    """Which of `count` states have their masks decoded: all, or a random share (the decoder is the dearest part)."""
-    if share >= 1.0:
-        return slice(None)
-    return ranks.rand(count, generator=generator).argsort()[: max(1, round(share * count))]
-
-
-def picked(masks: Tensor, shown: slice | Tensor) -> Tensor:
-    """Rows of (N, C, G, G) masks, channels last in memory as they were."""
-    return masks.permute(0, 2, 3, 1)[shown].permute(0, 3, 1, 2)
 
 
 def demonstrations(states: State, batch: Batch) -> tuple[Tensor, Tensor]:
@@ -90,21 +72,19 @@ class PrivilegedTrainer:
         states, post = self.model.rssm.observe(embed, batch.action, batch.is_first, uniform)
         return states, post, grid
 
+    def filtered(self, batch: Batch) -> State:
+        """The posterior states (B, T, ...) of a batch."""
+        return self.observe(batch)[0]
+
     def model_losses(self, batch: Batch) -> tuple[dict[str, Tensor], State]:
         """Every loss term by name, each (B, T), `masks` (K,) of the K states decoded; and the filtered states."""
-        b, t = batch.action.shape[:2]
+        t = self.config.train
         states, post, _ = self.observe(batch)
-        prior = self.model.rssm.prior(states.deter)
-        dyn, rep = dynamics_losses(post, prior, self.config.train.free_nats)
+        dyn, rep = dynamics_losses(post, self.model.rssm.prior(states.deter), t.free_nats)
         feature = states.feature
-        flat = feature.flatten(0, 1)
-        shown = decoded(b * t, self.config.train.decode_share, self.ranks, self.generator)
-        truth = picked(batch.masks.flatten(0, 1), shown)
-        masks = mask_loss(self.model.decoder(flat[shown]), truth, self.channel_weights)
-        ego_error = self.model.decoder.ego(flat) - symlog(batch.ego.flatten(0, 1))
-        losses = {
-            'masks': masks,
-            'ego': ego_error.square().sum(-1).view(b, t),
+        rows = decoded_rows(batch.action[..., 0].numel(), t.decode_share, self.ranks, self.generator)
+        losses = reconstruction_losses(self.model.decoder, feature, batch, rows, self.channel_weights)
+        losses |= {
             'reward': self.model.reward.loss(feature, batch.reward),
             'continue': self.model.cont.loss(feature, batch.cont),
             'dyn': dyn,
@@ -118,10 +98,10 @@ class PrivilegedTrainer:
             losses['advice'] = -(self.model.advice(feature) * batch.advice).sum(-1) / share.clamp(min=1e-6)
         return losses, states
 
-    def weigh(self, losses: dict[str, Tensor]) -> Tensor:
-        """The weighted sum; a missing or unknown name is an error, so no term can be lost by a typo."""
+    def weights(self) -> dict[str, float]:
+        """Of every loss term by name."""
         t = self.config.train
-        weights = {
+        found = {
             'masks': t.weight_pred,
             'ego': t.weight_pred,
             'reward': t.weight_reward,
@@ -129,17 +109,13 @@ class PrivilegedTrainer:
             'dyn': t.weight_dyn,
             'rep': t.weight_rep,
         }
-        if self.model.advice is not None:
-            weights['advice'] = t.weight_advice
-        if set(weights) != set(losses):
-            raise KeyError(f'losses {sorted(losses)} do not match weights {sorted(weights)}')
-        return torch.stack([weights[name] * losses[name].mean() for name in weights]).sum()
+        return found | ({'advice': t.weight_advice} if self.model.advice is not None else {})
 
     def step(self, batch: Batch, factor: float = 1.0) -> dict[str, float]:
         """One gradient step of each network; factor: of the learning rates."""
         t = self.config.train
         losses, states = self.model_losses(batch)
-        total = self.weigh(losses)
+        total = weighted_sum(losses, self.weights(), *batch.action.shape[:2])
         metrics = {f'loss/{name}': float(value.detach().mean()) for name, value in losses.items()}
         metrics['grad/model'] = self.model_optimiser.step(total, factor)
         self.steps += 1
@@ -188,6 +164,10 @@ class PrivilegedTrainer:
             total = total + t.imitate * imitation
         metrics['grad/policy'] = update_policy(self.policy, self.policy_optimiser, total, t, factor)
         return metrics
+
+    def teacher(self) -> Teacher:
+        """The networks without their training; the same tensors, not copies."""
+        return Teacher(self.config.model, self.model, self.policy, self.config.train.gamma, self.steps)
 
     def modules(self) -> dict[str, torch.nn.Module]:
         return {'model': self.model, 'policy': self.policy}

@@ -19,14 +19,15 @@ from raw2drive_ros.training.imagination import (
     start_noise,
     update_policy,
 )
+from raw2drive_ros.training.losses import decoded_rows, dynamics_losses, reconstruction_losses, weighted_sum
 from raw2drive_ros.training.optimiser import Optimiser
 from raw2drive_ros.training.parallel import ALONE, Ranks
-from raw2drive_ros.training.privileged import EGO_SIZE, PrivilegedTrainer, decoded, dynamics_losses, picked
 from raw2drive_ros.training.replay import Batch
-from raw2drive_ros.vector_layout import VECTOR_SIZE
+from raw2drive_ros.vector_layout import EGO_SIZE, VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
-from raw2drive_ros.world_model.distributions import mask_loss, symlog
+from raw2drive_ros.world_model.rssm import State
 from raw2drive_ros.world_model.streams import RawWorldModel
+from raw2drive_ros.world_model.teacher import Teacher
 
 
 class RawTrainer:
@@ -37,7 +38,7 @@ class RawTrainer:
     def __init__(
         self,
         config: RunConfig,
-        teacher: PrivilegedTrainer,
+        teacher: Teacher,
         rig: Sequence[CameraCalibration],
         total_steps: int,
         ranks: Ranks = ALONE,
@@ -49,7 +50,7 @@ class RawTrainer:
         self.teacher = teacher.model.requires_grad_(False).eval()
         self.teacher_policy = teacher.policy.requires_grad_(False).eval()
         self.model = RawWorldModel(config.model, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT, tuple(t.raw_heads))
-        self.model.initialise_from(self.teacher, share=t.share)
+        self.model.initialise_from(self.teacher, rssm=t.share_rssm, decoder=t.share_decoder)
         self.policy = Policy(config.model, ACTION_COUNT)
         if t.policy_init != 'fresh':
             self.policy.load_state_dict(self.teacher_policy.state_dict())
@@ -62,16 +63,23 @@ class RawTrainer:
             self.policy.parameters(), t.policy_lr, t.weight_decay, t.policy_clip, t.warmup, ranks
         )
 
-    def model_losses(self, batch: Batch) -> tuple[dict[str, Tensor], PairedRollout]:
-        """Every loss term by name, each (B, T), `masks` (K,) of the K states decoded; and both streams' states."""
-        assert batch.images is not None
+    def observe(self, batch: Batch) -> tuple[PairedRollout, tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
+        """Filter a batch in both streams: states, then (e_t (B*T, E, G, G), vector features (B*T, W)) of the raw and of
+        the privileged encoder."""
+        if batch.images is None:
+            raise ValueError('stage 2 needs batches with images')
         b, t = batch.action.shape[:2]
         with torch.no_grad():
-            grid, vector = self.teacher.encode(batch.masks.flatten(0, 1), batch.ego.flatten(0, 1))
-            embed = self.teacher.embed(grid, vector).view(b, t, -1)
-        raw_grid, raw_vector = self.model.encode(batch.images.flatten(0, 1), batch.vector.flatten(0, 1))
-        raw_embed = self.model.embed(raw_grid, raw_vector).view(b, t, -1)
-        uniform = self.ranks.rand(b, t, self.config.model.stoch, generator=self.generator)
+            truth = self.teacher.encode(batch.masks.flatten(0, 1), batch.ego.flatten(0, 1))
+            embed = self.teacher.embed(*truth).view(b, t, -1)
+        seen = self.model.encode(batch.images.flatten(0, 1), batch.vector.flatten(0, 1))
+        raw_embed = self.model.embed(*seen).view(b, t, -1)
+        source = self.config.train.sample_source
+        # Both streams use the first one, but for `independent`, where the raw stream has draws of its own.
+        uniforms = [
+            self.ranks.rand(b, t, self.config.model.stoch, generator=self.generator)
+            for _ in range(2 if source == 'independent' else 1)
+        ]
         pair = observe_pair(
             self.model.rssm,
             self.teacher.rssm,
@@ -79,22 +87,24 @@ class RawTrainer:
             embed,
             batch.action,
             batch.is_first,
-            uniform,
-            self.config.train.sample_source,
+            uniforms[0],
+            source,
+            raw_uniform=uniforms[-1],
         )
-        prior = self.model.rssm.prior(pair.raw.deter)
-        dyn, rep = dynamics_losses(pair.raw_post, prior, self.config.train.free_nats)
-        flat = pair.raw.feature.flatten(0, 1)
-        shown = decoded(b * t, self.config.train.decode_share, self.ranks, self.generator)
-        truth = picked(batch.masks.flatten(0, 1), shown)
-        masks = mask_loss(self.model.decoder(flat[shown]), truth, self.channel_weights)
-        ego_error = self.model.decoder.ego(flat) - symlog(batch.ego.flatten(0, 1))
-        losses = {
-            'masks': masks,
-            'ego': ego_error.square().sum(-1).view(b, t),
-            'dyn': dyn,
-            'rep': rep,
-        }
+        return pair, seen, truth
+
+    def filtered(self, batch: Batch) -> State:
+        """The raw stream's posterior states (B, T, ...) of a batch."""
+        return self.observe(batch)[0].raw
+
+    def model_losses(self, batch: Batch) -> tuple[dict[str, Tensor], PairedRollout]:
+        """Every loss term by name, each (B, T), `masks` (K,) of the K states decoded; and both streams' states."""
+        b, t = batch.action.shape[:2]
+        pair, (raw_grid, raw_vector), (grid, vector) = self.observe(batch)
+        dyn, rep = dynamics_losses(pair.raw_post, self.model.rssm.prior(pair.raw.deter), self.config.train.free_nats)
+        rows = decoded_rows(b * t, self.config.train.decode_share, self.ranks, self.generator)
+        losses = reconstruction_losses(self.model.decoder, pair.raw.feature, batch, rows, self.channel_weights)
+        losses |= {'dyn': dyn, 'rep': rep}
         losses |= guidance_losses(
             pair,
             raw_grid.view(b, t, *raw_grid.shape[1:]),
@@ -109,9 +119,10 @@ class RawTrainer:
             losses['continue'] = self.model.cont.loss(pair.raw.feature, batch.cont)
         return losses, pair
 
-    def weigh(self, losses: dict[str, Tensor]) -> Tensor:
+    def weights(self) -> dict[str, float]:
+        """Of every loss term by name."""
         t = self.config.train
-        weights = {
+        found = {
             'masks': t.weight_pred,
             'ego': t.weight_pred,
             'dyn': t.weight_dyn,
@@ -121,19 +132,18 @@ class RawTrainer:
             'align_deter': t.weight_deter,
         }
         if self.model.reward is not None:
-            weights['reward'] = t.weight_reward
+            found['reward'] = t.weight_reward
         if self.model.cont is not None:
-            weights['continue'] = 1.0
-        if set(weights) != set(losses):
-            raise KeyError(f'losses {sorted(losses)} do not match weights {sorted(weights)}')
-        return torch.stack([weights[name] * losses[name].mean() for name in weights]).sum()
+            found['continue'] = 1.0
+        return found
 
     def step(self, batch: Batch, factor: float = 1.0) -> dict[str, float]:
         """One gradient step of each network; factor: of the learning rates."""
         t = self.config.train
         losses, pair = self.model_losses(batch)
         metrics = {f'loss/{name}': float(value.detach().mean()) for name, value in losses.items()}
-        metrics['grad/model'] = self.model_optimiser.step(self.weigh(losses), factor)
+        total = weighted_sum(losses, self.weights(), *batch.action.shape[:2])
+        metrics['grad/model'] = self.model_optimiser.step(total, factor)
         self.steps += 1
         if t.policy_init != 'frozen' and self.steps > t.policy_after and self.steps % t.policy_every == 0:
             for _ in range(t.policy_updates):
@@ -152,18 +162,20 @@ class RawTrainer:
         start, (guide_deter,) = choose_starts(
             pair.raw, (pair.privileged.deter,), batch.cont, t.starts, self.ranks, self.generator
         )
-        own = not t.head_guidance and self.model.reward is not None and self.model.cont is not None
+        # Without head guidance the raw model judges itself; `TrainConfig` sees to it that it has both heads then.
+        judge = self.teacher if t.head_guidance else self.model
+        assert judge.reward is not None and judge.cont is not None
         rollout = imagine(
             self.model.rssm,
             self.policy.actor,
             start,
-            (self.model.reward if own and self.model.reward is not None else self.teacher.reward),
-            (self.model.cont if own and self.model.cont is not None else self.teacher.cont),
+            judge.reward,
+            judge.cont,
             t.horizon,
             start_noise(t.starts, self.ranks, self.generator),
             (self.teacher.rssm, guide_deter),
             shared_sample=t.sample_source != 'independent',
-            own_heads=own,
+            own_heads=not t.head_guidance,
         )
         actor, critic, metrics = policy_losses(self.policy, rollout, t, self.ranks)
         assert rollout.teacher is not None

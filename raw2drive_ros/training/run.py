@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from raw2drive_ros.artifact import write_whole
 from raw2drive_ros.errors import CheckpointError
 from raw2drive_ros.recording.bag_reader import find_bags
-from raw2drive_ros.training.checkpoint import Trainer, load_checkpoint, newest_checkpoint, save_checkpoint
-from raw2drive_ros.training.config import RunConfig, make_config, overridden
+from raw2drive_ros.training.checkpoint import Trainer, load_checkpoint, save_checkpoint
+from raw2drive_ros.training.config import RunConfig, make_config, overridden, read_run_config
 from raw2drive_ros.training.dataset import BagArrays, load_bags, rig_of
 from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.parallel import ALONE, Ranks
@@ -26,8 +27,9 @@ from raw2drive_ros.training.pictures import overlap_by_class, save_pictures
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Replay
-from raw2drive_ros.training.teacher import load_teacher, read_run_config
 from raw2drive_ros.world_model.mask_codec import MaskCodec
+from raw2drive_ros.world_model.run_files import CHECKPOINTS, CONFIG, newest_checkpoint
+from raw2drive_ros.world_model.teacher import load_teacher
 
 Report = Callable[[int, dict[str, float]], None]
 
@@ -41,7 +43,7 @@ class RunFolder:
 
     @property
     def checkpoints(self) -> Path:
-        return self.path / 'checkpoints'
+        return self.path / CHECKPOINTS
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -58,9 +60,7 @@ class RunFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         body = {'config': config.model_dump(mode='json')} | metadata
         # Without it no checkpoint can be resumed.
-        partial = self.path / 'config.partial'
-        partial.write_text(json.dumps(body, indent=2))
-        partial.replace(self.path / 'config.json')
+        write_whole(self.path / CONFIG, json.dumps(body, indent=2))
 
     def log(self, step: int, metrics: dict[str, float]) -> None:
         with (self.path / 'metrics.jsonl').open('a') as file:
@@ -79,9 +79,7 @@ class RunFolder:
             return
         text = file.read_text()
         whole = text[: text.rfind('\n') + 1].splitlines()
-        partial = file.with_suffix('.partial')
-        partial.write_text(''.join(line + '\n' for line in whole if json.loads(line)['step'] <= step))
-        partial.replace(file)
+        write_whole(file, ''.join(line + '\n' for line in whole if json.loads(line)['step'] <= step))
 
 
 def set_threads(count: int) -> None:
@@ -156,7 +154,7 @@ def _make_trainer(
     if teacher_run is None:
         raise CheckpointError('stage raw needs the run of a privileged teacher (--teacher)')
     teacher = load_teacher(teacher_run)
-    if teacher.config.model != config.model:
+    if teacher.config != config.model:
         raise CheckpointError(f'{teacher_run}: its model sizes differ from preset {config.preset}')
     return RawTrainer(config, teacher, rig_of(bags[0].path), steps, ranks)
 

@@ -17,7 +17,7 @@ class Actor(nn.Module):
     def __init__(self, config: ModelConfig, actions: int) -> None:
         super().__init__()
         self.net = Mlp(config.feature_size, config.units, config.head_layers, actions, out_scale=0.01)
-        self.unimix = config.unimix
+        self.unimix, self.actions = config.unimix, actions
 
     def forward(self, feature: Tensor) -> Tensor:
         """(..., F) -> (..., A) log-probabilities."""

@@ -23,6 +23,7 @@ from torch import Tensor, nn
 
 from raw2drive_ros.bev_channels import EGO_COLUMN_PX, EGO_ROW_PX, PIXELS_PER_M, SIZE_PX
 from raw2drive_ros.contract import CameraCalibration, Float64
+from raw2drive_ros.errors import ContractError
 from raw2drive_ros.vector_layout import CHECKPOINT_SCALE_M, CHECKPOINTS_AHEAD, FIRST_CHECKPOINT
 from raw2drive_ros.world_model.bev_encoder import Residual
 from raw2drive_ros.world_model.config import ModelConfig
@@ -163,7 +164,7 @@ class CameraEncoder(nn.Module):
         height, width = c.image_size
         for camera in cameras:
             if (camera.height, camera.width) != (height, width):
-                raise ValueError(
+                raise ContractError(
                     f'camera {camera.name} is {camera.height}x{camera.width}, the model expects {height}x{width}'
                 )
         w = c.camera_width

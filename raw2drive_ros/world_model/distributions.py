@@ -47,6 +47,11 @@ def sample_one_hot(log_probs: Tensor, uniform: Tensor) -> Tensor:
         return one_hot.contiguous()
 
 
+def class_one_hot(chosen: Tensor, classes: int) -> Tensor:
+    """(...) int64 classes -> (..., K) float one-hot."""
+    return torch.nn.functional.one_hot(chosen, classes).float()
+
+
 def straight_through(one_hot: Tensor, log_probs: Tensor) -> Tensor:
     """The sample in value, the probabilities in gradient."""
     probs = log_probs.exp()

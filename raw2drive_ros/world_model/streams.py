@@ -7,6 +7,7 @@ there, and the paper's ablation shows that they hurt. `raw_heads` switches them 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
@@ -20,6 +21,8 @@ from raw2drive_ros.world_model.distributions import symlog
 from raw2drive_ros.world_model.heads import ContinueHead, TwoHotHead
 from raw2drive_ros.world_model.layers import Dense
 from raw2drive_ros.world_model.rssm import Rssm
+
+Share = Literal['init', 'tied', 'none']
 
 
 class WorldModel(nn.Module):
@@ -73,12 +76,14 @@ class RawWorldModel(WorldModel):
         grid: Tensor = self.encoder(observation, vector)
         return grid, self.vector_encoder(symlog(vector))
 
-    def initialise_from(self, privileged: PrivilegedWorldModel, *, share: str = 'init') -> None:
-        """RSSM and decoder start as the privileged ones (paper, Fig. 4). share: init | tied | none."""
-        if share == 'none':
-            return
-        if share == 'tied':
-            self.rssm, self.decoder = privileged.rssm, privileged.decoder
-            return
-        self.rssm.load_state_dict(privileged.rssm.state_dict())
-        self.decoder.load_state_dict(privileged.decoder.state_dict())
+    def initialise_from(
+        self, privileged: PrivilegedWorldModel, *, rssm: Share = 'init', decoder: Share = 'init'
+    ) -> None:
+        """How RSSM and decoder begin (paper, Fig. 4 and its ablation): `init` as copies of the privileged ones, `tied`
+        as the same (frozen) ones, `none` from scratch."""
+        for name, share in (('rssm', rssm), ('decoder', decoder)):
+            theirs = getattr(privileged, name)
+            if share == 'tied':
+                setattr(self, name, theirs)
+            elif share == 'init':
+                getattr(self, name).load_state_dict(theirs.state_dict())

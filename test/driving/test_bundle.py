@@ -6,7 +6,7 @@ import pytest
 
 from raw2drive_ros.contract import ImuSample, OdometrySample, Route, SensorFrame
 from raw2drive_ros.driving.bundle import check_rig, load_bundle
-from raw2drive_ros.driving.driver import RawDriver
+from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.errors import BundleError, ContractError
 from raw2drive_ros.simulation.camera_rig import camera_rig
 

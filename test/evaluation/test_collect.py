@@ -2,7 +2,7 @@
 
 from raw2drive_ros.contract import Control
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
-from raw2drive_ros.evaluation.drivers import WorldDriver
+from raw2drive_ros.evaluation.world_drivers import WorldDriver
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_ticks
 
 

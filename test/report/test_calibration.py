@@ -22,17 +22,17 @@ from raw2drive_ros.report.calibration import (
     reliability,
 )
 from raw2drive_ros.training.dataset import FIRST, LAST, TERMINAL, load_bag
-from raw2drive_ros.training.teacher import load_teacher
+from raw2drive_ros.world_model.teacher import load_teacher
 
 
 @pytest.fixture
-def trainer(teacher_run):
+def teacher(teacher_run):
     return load_teacher(teacher_run)
 
 
 @pytest.fixture
-def arrays(bag, workspace, trainer):
-    return load_bag(bag, workspace / 'cache', trainer.config.model, cameras=False)
+def arrays(bag, workspace, teacher):
+    return load_bag(bag, workspace / 'cache', teacher.config, cameras=False)
 
 
 def with_flags(arrays, last):
@@ -97,17 +97,17 @@ def test_agreement_and_deciles_by_hand() -> None:
     assert nothing['states'] == 0 and nothing['bias'] is None and nothing['r2'] is None
 
 
-def test_steps_compound_and_a_model_that_sees_every_end_coming_is_wrong_by_the_rate(trainer, arrays) -> None:
-    last = last_layer(trainer.model.cont.net)
+def test_steps_compound_and_a_model_that_sees_every_end_coming_is_wrong_by_the_rate(teacher, arrays) -> None:
+    last = last_layer(teacher.model.cont.net)
     with torch.no_grad():
         last.weight.zero_()
         last.bias.fill_(torch.logit(torch.tensor(0.9)))
-    traces = list(CalibrationProbe(trainer).traces(with_flags(arrays, TERMINAL | LAST)))
+    traces = list(CalibrationProbe(teacher).traces(with_flags(arrays, TERMINAL | LAST)))
     for i, steps in enumerate(HORIZONS):
         assert np.allclose(traces[0].ending[:, i], 1.0 - 0.9**steps, atol=1e-6)
     with torch.no_grad():
         last.bias.fill_(-40.0)
-    found = numbers(list(CalibrationProbe(trainer).traces(with_flags(arrays, TERMINAL | LAST))), 0.98)
+    found = numbers(list(CalibrationProbe(teacher).traces(with_flags(arrays, TERMINAL | LAST))), 0.98)
     for steps in HORIZONS:
         row = found['continue'][str(steps)]
         # Of the first episode all but its last tick, of the second all but the last `steps`.
@@ -116,11 +116,11 @@ def test_steps_compound_and_a_model_that_sees_every_end_coming_is_wrong_by_the_r
         assert row['brier'] == pytest.approx(1.0 - row['happened'])
 
 
-def test_imagination_takes_the_recorded_actions_that_follow(trainer, arrays) -> None:
+def test_imagination_takes_the_recorded_actions_that_follow(teacher, arrays) -> None:
     other = arrays.action.copy()
     other[40] = (other[40] + 1) % 39
-    before = next(CalibrationProbe(trainer).traces(arrays))
-    after = next(CalibrationProbe(trainer).traces(dataclasses.replace(arrays, action=other)))
+    before = next(CalibrationProbe(teacher).traces(arrays))
+    after = next(CalibrationProbe(teacher).traces(dataclasses.replace(arrays, action=other)))
     changed = before.ending != after.ending
     for i, steps in enumerate(HORIZONS):
         assert not changed[: 40 - steps, i].any(), 'the window ends before that action'
@@ -129,20 +129,20 @@ def test_imagination_takes_the_recorded_actions_that_follow(trainer, arrays) -> 
     assert (before.reward[:40] == after.reward[:40]).all() and before.reward[40] != after.reward[40]
 
 
-def test_the_value_is_compared_with_the_rest_of_its_own_episode(trainer, arrays) -> None:
-    gamma, horizon = trainer.config.train.gamma, horizon_steps(trainer.config.train.gamma)
+def test_the_value_is_compared_with_the_rest_of_its_own_episode(teacher, arrays) -> None:
+    gamma, horizon = teacher.gamma, horizon_steps(teacher.gamma)
     assert (gamma, horizon) == (0.98, 50)
     # After ten steps the critic says 0; here it expects something.
     with torch.no_grad():
-        last_layer(trainer.policy.critic.fast.net).bias[25] = 10.0
-    ended, cut = CalibrationProbe(trainer).traces(with_flags(arrays, TERMINAL | LAST))
+        last_layer(teacher.policy.critic.fast.net).bias[25] = 10.0
+    ended, cut = CalibrationProbe(teacher).traces(with_flags(arrays, TERMINAL | LAST))
     assert ended.value_known.tolist() == [True] * 59 + [False]
     assert ended.returned[57] == pytest.approx(arrays.reward[58] + gamma * arrays.reward[59])
     assert cut.value_known.tolist() == [True] * 10 + [False] * 50
     assert cut.value[-1] > 10.0
     rest = sum(gamma**i * float(r) for i, r in enumerate(arrays.reward[65:120]))
     assert cut.returned[4] == pytest.approx(rest + gamma**55 * cut.value[-1])
-    stopped, _ = CalibrationProbe(trainer).traces(with_flags(arrays, LAST))
+    stopped, _ = CalibrationProbe(teacher).traces(with_flags(arrays, LAST))
     assert stopped.value_known.sum() == 10, 'a driven route is no failure: the model expects it to go on'
     found = numbers([ended, cut], gamma)
     assert found['episodes'] == {'terminal': 1, 'last': 0, 'cut': 1}
@@ -151,10 +151,10 @@ def test_the_value_is_compared_with_the_rest_of_its_own_episode(trainer, arrays)
     assert found['reward']['true'] == pytest.approx(np.delete(arrays.reward, [0, 60]).mean())
 
 
-def test_a_sequence_in_pieces_is_the_sequence(trainer, arrays, monkeypatch) -> None:
-    whole = list(CalibrationProbe(trainer).traces(arrays))
+def test_a_sequence_in_pieces_is_the_sequence(teacher, arrays, monkeypatch) -> None:
+    whole = list(CalibrationProbe(teacher).traces(arrays))
     monkeypatch.setattr(calibration, 'CHUNK', 7)
-    pieces = list(CalibrationProbe(trainer, samples=1).traces(arrays))
+    pieces = list(CalibrationProbe(teacher, samples=1).traces(arrays))
     for a, b in zip(whole, pieces, strict=True):
         assert np.allclose(a.reward, b.reward, atol=1e-5) and np.allclose(a.value, b.value, atol=1e-5)
         assert len(a.reward) == len(b.ending) == 60

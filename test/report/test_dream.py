@@ -7,18 +7,18 @@ import pytest
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.errors import BagError
 from raw2drive_ros.report.dream import SIZE, dream, save_dream, ticks_around
-from raw2drive_ros.training.teacher import load_teacher
+from raw2drive_ros.world_model.teacher import load_teacher
 
 
 def test_imagination_begins_at_the_moment_and_filtering_goes_on(bag, teacher_run, tmp_path) -> None:
     ticks, begins = ticks_around(bag, 3.0, 1.0)
     assert (begins, len(ticks)) == (30, 41), 'ten ticks a second, all of one episode'
-    trainer = load_teacher(teacher_run)
-    found = dream(trainer, ticks, begins)
+    teacher = load_teacher(teacher_run)
+    found = dream(teacher, ticks, begins)
     assert np.isnan(found.reward['imagined'][begins - 1]) and np.isfinite(found.reward['imagined'][begins:]).all()
     assert np.isfinite(found.reward['posterior']).all()
     assert found.reward['truth'] == [tick.transition.reward for tick in ticks]
-    target = save_dream(tmp_path / 'dream.mp4', found, list(trainer.config.model.mask_classes))
+    target = save_dream(tmp_path / 'dream.mp4', found, list(teacher.config.mask_classes))
     with av.open(str(target)) as video:
         frames = [frame.to_ndarray(format='rgb24') for frame in video.decode(video=0)]
     assert len(frames) == 20 + 11
@@ -28,8 +28,8 @@ def test_imagination_begins_at_the_moment_and_filtering_goes_on(bag, teacher_run
 
 def test_own_actions_lead_elsewhere_than_the_recorded_ones(bag, teacher_run) -> None:
     ticks, begins = ticks_around(bag, 3.0, 1.0)
-    trainer = load_teacher(teacher_run)
-    recorded, own = (dream(trainer, ticks, begins, own_actions=own) for own in (False, True))
+    teacher = load_teacher(teacher_run)
+    recorded, own = (dream(teacher, ticks, begins, own_actions=own) for own in (False, True))
     assert recorded.reward['posterior'] == own.reward['posterior']
     assert not np.array_equal(recorded.masks['imagined'][-1], own.masks['imagined'][-1])
 

@@ -11,10 +11,11 @@ from raw2drive_ros.errors import CheckpointError, ConfigError, UnknownScenarioEr
 from raw2drive_ros.evaluation.recipe_rounds import failures_by_type, keep_if_best, run_recipe
 from raw2drive_ros.evaluation.routes import weighted_types
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_advice
-from raw2drive_ros.training.checkpoint import newest_checkpoint
 from raw2drive_ros.training.dataset import RosbagsFactory
+from raw2drive_ros.training.export import export_teacher
 from raw2drive_ros.training.recipe import Collection, Recipe, load_recipe
-from raw2drive_ros.training.teacher import load_teacher, save_teacher, teacher_identity
+from raw2drive_ros.world_model.run_files import newest_checkpoint
+from raw2drive_ros.world_model.teacher import load_teacher, teacher_identity
 
 FIELDS = {
     'threads': 1,
@@ -115,10 +116,10 @@ def test_shipped_recipes_are_read_and_mistakes_are_named(tmp_path) -> None:
 
 
 def test_a_teacher_bundle_decides_as_its_run_does(run, tmp_path) -> None:
-    identity = save_teacher(tmp_path / 'teacher', run, {'training_ticks': 1})
+    identity = export_teacher(run, tmp_path / 'teacher')
     bundle, original = load_teacher(tmp_path / 'teacher'), load_teacher(run)
     assert identity == teacher_identity(tmp_path / 'teacher') != teacher_identity(run)
-    feature = torch.randn(20, original.config.model.feature_size)
+    feature = torch.randn(20, original.config.feature_size)
     assert torch.allclose(bundle.policy.actor(feature), original.policy.actor(feature), atol=2e-2)
     assert torch.allclose(bundle.model.reward(feature), original.model.reward(feature), atol=2e-2)
     assert bundle.model.advice is None and original.model.advice is not None

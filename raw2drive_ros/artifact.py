@@ -1,0 +1,118 @@
+"""What bundles, teachers, checkpoints and caches are made of: folders and files that are whole or not there, hashes,
+permissions, and half-precision weights.
+
+Everything is written beside its target under a name that ends in `.partial` and moved there in one step, so a reader
+never meets half of it, whenever the writer is killed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from raw2drive_ros.errors import UserError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+WEIGHTS = 'weights.safetensors'
+CARD = 'MODEL_CARD.md'
+MAX_WEIGHT_BYTES = 2_000_000_000
+
+
+def short_hash(data: bytes) -> str:
+    """The first 16 hex digits of SHA-256."""
+    return hashlib.sha256(data).hexdigest()[:16]
+
+
+def partial_name(target: Path) -> Path:
+    """Where this process writes `target` until it is whole; processes that write the same target do not collide."""
+    return target.with_name(f'.{target.name}.{os.getpid()}.partial')
+
+
+def write_whole(target: Path, content: str | bytes) -> Path:
+    """Write a file so that it holds all of `content`, or what it held before."""
+    partial = partial_name(target)
+    partial.write_bytes(content.encode() if isinstance(content, str) else content)
+    return partial.replace(target)
+
+
+@contextmanager
+def whole_folder(target: Path) -> Iterator[Path]:
+    """An empty folder to fill. When the block ends without an error it takes the place of `target`, else it goes."""
+    partial, old = partial_name(target), _old_name(target)
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        restore_folder(target)
+        if target.exists():
+            target.replace(old)
+        partial.replace(target)
+        shutil.rmtree(old, ignore_errors=True)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def restore_folder(target: Path) -> None:
+    """Undo what a kill between the two renames of `whole_folder` left: the predecessor becomes `target` again."""
+    old = _old_name(target)
+    if old.is_dir() and not target.exists():
+        old.replace(target)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _old_name(target: Path) -> Path:
+    return target.with_name(f'.{target.name}.old')
+
+
+def save_weights(folder: Path, tensors: Mapping[str, Tensor]) -> str:
+    """Write `WEIGHTS` as float16 and return its hash. Readable by everybody, because bundles are there to be shared."""
+    from safetensors.torch import save_file
+
+    file = folder / WEIGHTS
+    save_file({key: value.detach().clone().half().contiguous() for key, value in tensors.items()}, file)
+    file.chmod(0o644)
+    return short_hash(file.read_bytes())
+
+
+def load_weights(folder: Path, expected_hash: str, error: type[UserError]) -> dict[str, Tensor]:
+    """`WEIGHTS` as float32. Raises `error` when the file is too large or is not the one that was hashed."""
+    from safetensors.torch import load_file
+
+    file = folder / WEIGHTS
+    if file.stat().st_size > MAX_WEIGHT_BYTES:
+        raise error(f'{folder}: weights of {file.stat().st_size} bytes are implausible')
+    if short_hash(file.read_bytes()) != expected_hash:
+        raise error(f'{folder}: weights do not match their hash; the file is damaged or replaced')
+    return {key: value.float() for key, value in load_file(file).items()}
+
+
+def part_of(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """The tensors whose names begin with `prefix/`, under the rest of their names."""
+    return {key.removeprefix(f'{prefix}/'): value for key, value in tensors.items() if key.startswith(f'{prefix}/')}
+
+
+def check_manifest(
+    path: Path, body: Mapping[str, Any], kind: str, format_read: int, hashes: Mapping[str, str], error: type[UserError]
+) -> None:
+    """Raises `error` when a manifest has another format than `format_read`, or other `hashes` (name -> ours)."""
+    if body['format'] != format_read:
+        raise error(f'{path}: {kind} format {body["format"]}, this version reads {format_read}')
+    for name, ours in hashes.items():
+        if body[name] != ours:
+            raise error(f'{path}: {name} hash {body[name]} differs from this version: {ours}')
+
+
+def model_card(title: str, purpose: str, figures: list[str], metadata: Mapping[str, Any]) -> str:
+    """The text of `CARD`; of long lists in the metadata only their length is shown, the manifest has them whole."""
+    shown = {key: len(value) if isinstance(value, list) else value for key, value in metadata.items()}
+    lines = [f'# {title}', '', purpose, '', *(f'- {figure}' for figure in figures)]
+    lines += [f'- {key}: {value}' for key, value in shown.items()]
+    lines += ['', 'Made in and for the highway-env simulation of this repository; not for real roads.', '']
+    return '\n'.join(lines)

@@ -1,0 +1,76 @@
+"""The raw policy behind `Driver`: planner node, in-process evaluator and bag replay all call `RawDriver.drive`."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from raw2drive_ros.actions import ACTIONS
+from raw2drive_ros.contract import Decision, Route, SensorFrame
+from raw2drive_ros.driving.bundle import Bundle
+from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
+from raw2drive_ros.errors import ContractError
+from raw2drive_ros.world_model.agent import AgentState, Observation, RecurrentAgent
+
+FORGET_AFTER_S = 1.0
+
+
+class RawDriver:
+    """The raw policy, deterministic: modes instead of samples, one thread unless `threads` says otherwise.
+
+    A new route (another stamp) starts a new episode by itself, and so do time that goes back and a gap longer than
+    `FORGET_AFTER_S`: what was believed before says little about now.
+    """
+
+    name = 'raw'
+
+    def __init__(self, bundle: Bundle, threads: int = 1) -> None:
+        self.bundle = bundle
+        self.cameras = [camera.name for camera in bundle.rig]
+        torch.set_num_threads(threads)
+        self.agent = RecurrentAgent(bundle.model, bundle.actor)
+        self.reset()
+
+    def reset(self) -> None:
+        self.progress = RouteProgress()
+        self.state: AgentState = self.agent.initial()
+        self.stamp_ns: int | None = None
+
+    def drive(self, frame: SensorFrame, route: Route) -> Decision:
+        """Raises ContractError when a camera is missing or has the wrong size."""
+        started = time.perf_counter()
+        new_route = self.progress.route is not None and route.stamp_ns != self.progress.route.stamp_ns
+        gap_s = 0.0 if self.stamp_ns is None else (frame.stamp_ns - self.stamp_ns) * 1e-9
+        if new_route or not 0.0 <= gap_s <= FORGET_AFTER_S:
+            self.reset()
+        self.stamp_ns = frame.stamp_ns
+        self.progress.update(route, frame.odometry)
+        images = torch.from_numpy(self._stack(frame))
+        vector = torch.from_numpy(raw_vector(frame.imu, frame.odometry, self.progress))[None]
+        choice, self.state = self.agent.step(Observation(images, vector), self.state)
+        action = int(choice.action)
+        probability = float(choice.log_probs[0, action].exp())
+        elapsed_ms = (time.perf_counter() - started) * 1e3
+        return Decision(frame.stamp_ns, ACTIONS[action], action, elapsed_ms, {'probability': probability})
+
+    def _stack(self, frame: SensorFrame) -> NDArray[np.uint8]:
+        """(1, views, H, W, 3) in the bundle's order of cameras."""
+        height, width = self.bundle.config.image_size
+        images = []
+        for camera in self.cameras:
+            image = frame.images.get(camera)
+            if image is None:
+                raise ContractError(f'camera {camera} is missing from the frame')
+            if image.shape != (height, width, 3):
+                raise ContractError(
+                    f'camera {camera}: image {image.shape[0]}x{image.shape[1]}, the bundle needs {height}x{width}'
+                )
+            images.append(image)
+        return np.stack(images)[None]
+
+    def reconstruct(self) -> NDArray[np.float32]:
+        """(C*P*P, G, G) mask probabilities that the model believes in now: for videos, not for driving."""
+        return np.asarray(self.agent.reconstruct(self.state)[0])

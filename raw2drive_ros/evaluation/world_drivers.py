@@ -1,0 +1,60 @@
+"""Drivers that read the simulator's state, made anew for every episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from raw2drive_ros.actions import nearest_action
+from raw2drive_ros.contract import Control, Decision, SensorFrame
+from raw2drive_ros.evaluation.expert import ExpertDriver
+from raw2drive_ros.evaluation.rule_driver import RuleDriver
+from raw2drive_ros.evaluation.simple_drivers import IdmMobilDriver, constant_speed
+from raw2drive_ros.simulation.environment import DrivingEnv, Tick
+from raw2drive_ros.simulation.world import SUBSTEPS, World
+
+# Of the rule driver with noise: the share of episodes that have bursts of random actions.
+NOISY_EPISODES = 0.75
+
+
+class WorldDriver:
+    """A driver that reads the simulator's state. make: seed -> a fresh decision function for one episode."""
+
+    needs_cameras = needs_bev = False
+
+    def __init__(self, make: Callable[[int], Callable[[World], Control]]) -> None:
+        self.make = make
+
+    def reset(self, seed: int) -> None:
+        self.decide = self.make(seed)
+
+    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
+        assert env.world is not None
+        control = self.decide(env.world)
+        return Decision(frame.stamp_ns, control, nearest_action(control))
+
+
+def rule_driver(noise: float = 0.0) -> WorldDriver:
+    """The rule driver; with noise, three of four episodes have bursts of random actions."""
+
+    def make(seed: int) -> Callable[[World], Control]:
+        rng = np.random.default_rng(seed)
+        return RuleDriver(rng, noise if rng.random() < NOISY_EPISODES else 0.0).control
+
+    return WorldDriver(make)
+
+
+def expert_driver(*, coarse: bool = False) -> WorldDriver:
+    """The expert; coarse: rehearsing in steps of a decision, which halves its cost and solves as many routes."""
+    return WorldDriver(lambda seed: ExpertDriver(SUBSTEPS if coarse else 1).control)
+
+
+def idm_driver() -> WorldDriver:
+    """IDM and MOBIL, which know their own lane and the next one."""
+    return WorldDriver(lambda seed: IdmMobilDriver().control)
+
+
+def constant_driver() -> WorldDriver:
+    """A constant share of the speed limit, whatever is ahead."""
+    return WorldDriver(lambda seed: constant_speed)
