@@ -1,4 +1,4 @@
-"""Which room may import which: each rule in a process of its own, with the forbidden package blocked."""
+"""Which room may import which: by syntax tree, and in processes of their own with the forbidden package blocked."""
 
 import re
 import subprocess
@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(Path(__file__).parent))
+
+from import_rules import FLOOR_OF, FLOORS, ROOMS, ROOT, circles, room_of, sources, violations
+
 BLOCK = """
 import sys
 class Blocker:
@@ -27,6 +30,61 @@ def run_python(code: str) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True, timeout=120)
 
 
+@pytest.fixture(scope='module')
+def known() -> dict[str, str]:
+    return sources()
+
+
+@pytest.mark.parametrize('room', ROOMS)
+def test_imports_of_a_room_run_downward(known, room) -> None:
+    inside = {module for module in known if room_of(module) == room}
+    assert inside, f'{room} is empty: take it out of FLOORS'
+    assert [line for line in violations(known) if line.split(' ')[0] in inside] == []
+
+
+@pytest.mark.parametrize('room', [room for floor in FLOORS[1:] for room in floor])
+def test_an_import_that_climbs_is_found_in_every_room(known, room) -> None:
+    """Planted in a real file of the room: at its top, in a function, for type checkers only."""
+    victim = next(module for module in known if room_of(module) == room)
+    above = next(module for module in known if FLOOR_OF[room_of(module)] == FLOOR_OF[room] - 1)
+    for planted in (
+        f'import {above}',
+        f'from {above} import something',
+        f'def later():\n    from {above} import something',
+        f'from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import {above}',
+    ):
+        found = violations(known | {victim: known[victim] + '\n' + planted + '\n'})
+        assert [line for line in found if line.startswith(f'{victim} imports {above}:')], planted
+
+
+def test_rooms_of_one_floor_do_not_know_each_other(known) -> None:
+    planted = known | {'raw2drive_ros.report.html': 'from raw2drive_ros.nodes import runtime'}
+    assert 'raw2drive_ros.report.html imports' in violations(planted)[0]
+    with pytest.raises(KeyError, match='is in no room'):
+        room_of('raw2drive_ros.attic.chest')
+
+
+def test_the_only_circle_is_one_of_types(known) -> None:
+    """World, actors, leaders, scripts and scenario name each other's types; nothing of it runs at import time."""
+    world = {f'raw2drive_ros.simulation.{name}' for name in ('actors', 'leaders', 'scenario', 'scripts', 'world')}
+    assert circles(known, at_once=False) == [world]
+    assert circles(known, at_once=True) == []
+    planted = known | {'msg_adapters.stamps': 'import msg_adapters.factory'}
+    assert {'msg_adapters.stamps', 'msg_adapters.factory'} in circles(planted, at_once=True)
+
+
+def test_documents_list_the_rooms_in_order() -> None:
+    folders = [
+        room for floor in FLOORS[:10] for room in floor if room.split('.')[0] in ('raw2drive_ros', 'msg_adapters')
+    ]
+    for name in ('docs/architecture.md', 'CONTRIBUTING.md'):
+        text = (ROOT / name).read_text()
+        rows = re.findall(r'^\| `((?:raw2drive_ros|msg_adapters)[\w/]*)/` \|', text, re.MULTILINE)
+        listed = [row.replace('/', '.') for row in rows]
+        assert sorted(listed) == sorted(folders), name
+        assert [FLOOR_OF[room] for room in listed] == sorted(FLOOR_OF[room] for room in listed), name
+
+
 @pytest.mark.parametrize(
     ('packages', 'blocked'),
     [
@@ -42,14 +100,22 @@ def run_python(code: str) -> subprocess.CompletedProcess:
                     'recording',
                     'faults',
                     'carla_vehicle',
+                    'conformance',
+                    'report',
+                    'graph',
+                    'cli',
                 )
             ],
             ['rclpy'],
         ),
         (['msg_adapters'], ['rclpy', 'torch', 'highway_env']),
         (['raw2drive_ros.simulation'], ['torch', 'rclpy', 'rosbags']),
+        (['raw2drive_ros.world_model'], ['rclpy', 'highway_env', 'rosbags']),
+        (['raw2drive_ros.recording'], ['torch', 'rclpy', 'highway_env']),
+        (['raw2drive_ros.conformance'], ['torch', 'rclpy', 'highway_env']),
         (['raw2drive_ros.carla_vehicle'], ['torch', 'rclpy', 'highway_env', 'carla']),
         (['raw2drive_ros.faults'], ['torch', 'rclpy', 'highway_env']),
+        (['raw2drive_ros.cli'], ['torch', 'highway_env']),
     ],
 )
 def test_rooms_import_without_what_they_may_not_need(packages, blocked) -> None:
@@ -68,11 +134,20 @@ def test_rclpy_is_imported_only_by_nodes() -> None:
     assert offenders == []
 
 
-def test_the_safety_gate_process_needs_no_torch() -> None:
-    result = run_python(
-        'import sys, raw2drive_ros.nodes.safety_gate\n'
-        "raise SystemExit('torch' in sys.modules or 'highway_env' in sys.modules)"
-    )
+@pytest.mark.parametrize(
+    ('node', 'unneeded'),
+    [
+        ('safety_gate', ('torch', 'highway_env')),
+        ('recorder', ('torch', 'highway_env')),
+        ('player', ('torch', 'highway_env')),
+        ('command_adapter', ('torch', 'highway_env')),
+        ('fault_injector', ('torch', 'highway_env')),
+        ('bridge', ('torch',)),
+    ],
+)
+def test_the_process_of_a_node_loads_no_more_than_it_needs(node, unneeded) -> None:
+    loaded = f'", ".join({set(unneeded)!r} & sys.modules.keys())'
+    result = run_python(f'import sys, raw2drive_ros.nodes.{node}\nraise SystemExit({loaded} or 0)')
     assert result.returncode == 0, result.stderr[-600:]
 
 
