@@ -90,7 +90,7 @@ class World:
         self.history: deque[tuple[list[Actor], Float64]] = deque(maxlen=HISTORY_TICKS)
         self.ego_history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_TICKS)
         self.light_history: deque[tuple[str, ...]] = deque(maxlen=HISTORY_TICKS)
-        self._refresh()
+        self.refresh()
 
     # -- stepping ---------------------------------------------------------------------------------
 
@@ -116,7 +116,7 @@ class World:
             light.update(self.time_s, self.front_s_m)
         for sign in self.stop_signs:
             sign.update(self.front_s_m, self.ego.speed)
-        self._refresh()
+        self.refresh()
 
     def fork(self, stride: int = 1) -> World:
         """A fork that can be stepped without touching this world: for drivers that look ahead by simulating.
@@ -134,7 +134,7 @@ class World:
         fork.stop_signs = [copy.copy(sign) for sign in self.stop_signs]
         fork.history = deque(maxlen=1)
         fork.ego_history, fork.light_history = deque(maxlen=1), deque(maxlen=1)
-        fork._refresh()
+        fork.refresh()
         return fork
 
     def _let_in(self) -> None:
@@ -193,7 +193,12 @@ class World:
     def index_of(self, actor: Actor) -> int:
         return self._index[id(actor)]
 
-    def _refresh(self) -> None:
+    def refresh(self) -> None:
+        """Rebuild the arrays over `actors` and the ego, and append the current poses and light colours to the histories.
+
+        `step` and `fork` call it. Call it yourself after moving, adding or removing an actor, or moving the ego, by
+        hand. Each call adds one entry to the histories, so it counts as one more physics step for the BEV masks.
+        """
         everything = [*self.actors, self.ego]
         self._index = {id(actor): i for i, actor in enumerate(everything)}
         self.positions = np.array([a.position for a in everything])
