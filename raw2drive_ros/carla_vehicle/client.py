@@ -58,7 +58,7 @@ class CarlaVehicle:
     def __init__(self, settings: CarlaSettings, rig: tuple[CameraCalibration, ...]) -> None:
         """Raises CarlaError without the package, without a server, or where the car cannot be put."""
         self.settings, self.rig = settings, rig
-        self.carla = _package()
+        self.carla = import_carla()
         for camera in rig:
             fov_deg(camera.intrinsics, camera.width, camera.height)
         self.actors: list[Any] = []
@@ -168,7 +168,8 @@ class CarlaVehicle:
             self.world.apply_settings(self.before)
 
 
-def _package() -> Any:
+def import_carla() -> Any:
+    """The package `carla`, imported when a server is wanted. Raises CarlaError where it is not installed."""
     try:
         import carla
     except ImportError as error:

@@ -89,6 +89,7 @@ class PathVehicle(Vehicle):
         kind: str = 'car',
         look: Look | None = None,
         scripts: tuple[Script, ...] = (),
+        *,
         ignores_traffic: bool = False,
         waits_at_m: tuple[tuple[float, Callable[[World], bool]], ...] = (),
         lateral_m: float = 0.0,

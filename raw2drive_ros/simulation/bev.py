@@ -89,10 +89,17 @@ class BevRenderer:
                 if kind.startswith('yellow')
                 else 'lane_line'
             )
-            cv2.polylines(planes[plane], [self._to_map(marking.points_m)], False, 1, thickness, shift=SHIFT)
+            cv2.polylines(
+                planes[plane],
+                [self._to_map(marking.points_m)],
+                isClosed=False,
+                color=1,
+                thickness=thickness,
+                shift=SHIFT,
+            )
         route = self._to_map(self.world.route.points_m)
         wide = round(LANE_WIDTH_M * MAP_PIXELS_PER_M)
-        cv2.polylines(planes['route_lane'], [route], False, 1, wide, shift=SHIFT)
+        cv2.polylines(planes['route_lane'], [route], isClosed=False, color=1, thickness=wide, shift=SHIFT)
         for name in MAP_LAYERS:
             self.map |= planes[name] << STATIC_CHANNELS.index(name)
 
@@ -108,7 +115,9 @@ class BevRenderer:
         ahead = world.route.window(max(0.0, world.route_s_m - 2.0), ROUTE_AHEAD_M)
         if len(ahead) > 1:
             stroke = round(ROUTE_STROKE_M * PIXELS_PER_M)
-            cv2.polylines(masks[ROUTE], [_fixed(ahead, to_pixels)], False, 1, stroke, shift=SHIFT)
+            cv2.polylines(
+                masks[ROUTE], [_fixed(ahead, to_pixels)], isClosed=False, color=1, thickness=stroke, shift=SHIFT
+            )
         ego = corners_m(x, y, yaw, world.ego.LENGTH, world.ego.WIDTH)
         cv2.fillConvexPoly(masks[EGO], _fixed(ego, to_pixels), 1, shift=SHIFT)
         self._draw_actors(masks, to_pixels)

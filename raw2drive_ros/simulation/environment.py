@@ -127,7 +127,7 @@ class DrivingEnv(AbstractEnv):
         self.reward_sum = 0.0
         self.motion: list[tuple[float, float, float]] = []
         imu, odometry = self._sample(self.clock_ns)
-        first = Transition(self.clock_ns, -1, 0.0, {}, True, False, False)
+        first = Transition(self.clock_ns, -1, 0.0, {}, is_first=True, is_terminal=False, is_last=False)
         tick = self._tick((imu,), (odometry,), first, {})
         return tick, tick.info
 
@@ -161,9 +161,9 @@ class DrivingEnv(AbstractEnv):
             nearest_action(control),
             outcome.reward,
             outcome.terms,
-            False,
-            terminated,
-            self.done,
+            is_first=False,
+            is_terminal=terminated,
+            is_last=self.done,
         )
         info = {
             'infractions': happened,

@@ -39,6 +39,7 @@ def arriving(
     lane: int = 0,
     kind: str = 'car',
     clear_m: tuple[float, float] = (0.0, 0.0),
+    *,
     has_priority: bool = True,
     obeys_light: bool = False,
 ) -> tuple[TrafficSpec, ...]:

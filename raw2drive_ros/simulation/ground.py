@@ -75,7 +75,15 @@ def paint_ground(
         if marking.kind.endswith('_dashed'):
             lines = _dashes(marking.points_m)
         for line in lines:
-            cv2.polylines(texture, [pixels(line)], False, paint(kind), width, cv2.LINE_AA, SHIFT)
+            cv2.polylines(
+                texture,
+                [pixels(line)],
+                isClosed=False,
+                color=paint(kind),
+                thickness=width,
+                lineType=cv2.LINE_AA,
+                shift=SHIFT,
+            )
     speckle = _speckle()
     rows, columns = texture.shape[:2]
     for top in range(0, rows, SPECKLE_PX):

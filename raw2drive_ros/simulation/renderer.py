@@ -136,7 +136,14 @@ class CameraRenderer:
             size = (round(actor.LENGTH, 1), round(actor.WIDTH, 1), round(actor.HEIGHT, 1))
             flashes = actor.body.endswith('emergency') or (actor.body == 'walker' and actor.speed > 0.0)
             shapes.append(
-                actor_shape(actor.body, actor.colour, size, lamps, phase if flashes else 0, metres < self.detail_m)
+                actor_shape(
+                    actor.body,
+                    actor.colour,
+                    size,
+                    lamps,
+                    phase if flashes else 0,
+                    detailed=metres < self.detail_m,
+                )
             )
         return shapes, local[order]
 

@@ -204,6 +204,7 @@ def load_scenarios() -> dict[str, Scenario]:
 
 
 def get_scenario(name: str) -> Scenario:
+    """The scenario type registered as `name`. Raises UnknownScenarioError."""
     known = load_scenarios()
     if name not in known:
         raise UnknownScenarioError(

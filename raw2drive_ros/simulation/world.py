@@ -194,10 +194,10 @@ class World:
         return self._index[id(actor)]
 
     def refresh(self) -> None:
-        """Rebuild the arrays over `actors` and the ego, and append the current poses and light colours to the histories.
+        """Rebuild the arrays over `actors` and the ego, and add poses and light colours to the histories.
 
-        `step` and `fork` call it. Call it yourself after moving, adding or removing an actor, or moving the ego, by
-        hand. Each call adds one entry to the histories, so it counts as one more physics step for the BEV masks.
+        `step` and `fork` call it. Call it yourself after you changed `actors`, or moved an actor or the ego, by hand.
+        Every call adds one entry to the histories, so the BEV masks see it as one more physics step.
         """
         everything = [*self.actors, self.ego]
         self._index = {id(actor): i for i, actor in enumerate(everything)}
@@ -278,13 +278,13 @@ class World:
             spec.kind,
             look,
             spec.scripts,
-            spec.ignores_traffic,
-            waits,
-            spec.lateral_m,
-            self._meeting(spec, path) if spec.meets_ego else spec.pacing,
-            spec.has_priority,
-            spec.time_gap_s,
-            spec.ends_at_s_m,
+            ignores_traffic=spec.ignores_traffic,
+            waits_at_m=waits,
+            lateral_m=spec.lateral_m,
+            steered=self._meeting(spec, path) if spec.meets_ego else spec.pacing,
+            has_priority=spec.has_priority,
+            time_gap_s=spec.time_gap_s,
+            ends_at_s_m=spec.ends_at_s_m,
         )
 
     def _meeting(self, spec: TrafficSpec, path: Path) -> Meeting:

@@ -138,7 +138,7 @@ def test_bodies_of_a_kind_look_different(road) -> None:
     for i, one in enumerate(seen):
         for other in seen[:i]:
             assert (np.abs(one - other).max(axis=2) > 20).sum() > 40
-    shapes = [actor_shape(body, 0, (4.5, 1.9, 1.6), 'day', 0, True) for body in BODIES_M]
+    shapes = [actor_shape(body, 0, (4.5, 1.9, 1.6), 'day', 0, detailed=True) for body in BODIES_M]
     assert len({shape.corners_m.tobytes() for shape in shapes}) == len(BODIES_M)
 
 
@@ -146,7 +146,7 @@ def test_bodies_of_a_kind_look_different(road) -> None:
 @pytest.mark.parametrize('lamps', ['off', 'day', 'night', 'brake'])
 def test_shapes_are_as_large_as_the_actor_and_stand_on_the_ground(body, lamps) -> None:
     size = BODIES_M.get(body) or SIZES_M[body]
-    shape = actor_shape(body, 3, size, lamps, 0, True)
+    shape = actor_shape(body, 3, size, lamps, 0, detailed=True)
     extent = np.ptp(shape.corners_m.reshape(-1, 3), axis=0)
     assert extent[0] <= size[0] + 0.15
     assert extent[1] <= size[1] + 0.15

@@ -169,7 +169,7 @@ def test_head_lights_shine_on_what_stands_ahead(env) -> None:
     assert means[0] > 1.3 * means[1]
 
 
-def drive(seed: int, repetition: int, weather: str = CLEAR, vary: bool = False) -> list[np.ndarray]:
+def drive(seed: int, repetition: int, weather: str = CLEAR, *, vary: bool = False) -> list[np.ndarray]:
     env = DrivingEnv(SimulationConfig(bev=False, vary=vary))
     tick, _ = env.reset(seed=seed, options={'weather': weather, 'repetition': repetition})
     ticks = [tick, env.step(Control(0.3))[0]]
