@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from raw2drive_ros.errors import LayoutError
 from raw2drive_ros.simulation.layout import Junction, RoadLayout
-from raw2drive_ros.simulation.roads import build_road
+from raw2drive_ros.simulation.road_builder import build_road
 from raw2drive_ros.simulation.scenario import ActorSpec, Rng, Scene, TrafficSpec
 from raw2drive_ros.simulation.scripts import Script
 

@@ -15,7 +15,8 @@ from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.leaders import find_leaders
 from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
-from raw2drive_ros.simulation.roads import ARM_TURN_RAD, RoadMap, build_road
+from raw2drive_ros.simulation.road_builder import build_road
+from raw2drive_ros.simulation.roads import ARM_TURN_RAD, RoadMap
 from raw2drive_ros.simulation.scenario import (
     DRAW_ATTEMPTS,
     ActorSpec,
