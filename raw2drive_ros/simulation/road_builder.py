@@ -31,7 +31,7 @@ def _advance(pose: Pose, forward_m: float, left_m: float = 0.0, turn_rad: float 
 
 
 class RoadBuilder:
-    """Lays the pieces of a layout; `build()` returns the finished map."""
+    """Builds the map of a layout piece by piece; `build()` returns it."""
 
     def __init__(self, layout: RoadLayout) -> None:
         self.layout = layout
@@ -98,7 +98,7 @@ class RoadBuilder:
         return np.concatenate([lane.centre_line(SAMPLE_M, left), lane.centre_line(SAMPLE_M, right)[::-1]])
 
     def _paint(self, pose: Pose, length: float, curvature: float, forward: int, backward: int) -> None:
-        """Asphalt, edge lines, lane lines and the centre line of one section."""
+        """Asphalt, sidewalks, edge lines, lane lines and the centre line of one section."""
         layout, road = self.layout, self.road
         lane = ArcLane(pose[:2], pose[2], length, curvature, 1, 1)
         left, right = backward * LANE_WIDTH_M, -forward * LANE_WIDTH_M
@@ -137,7 +137,7 @@ class RoadBuilder:
                     self._connector(edge, start, goal, half, lanes)
         square = [_advance(centre, sx * half, sy * half)[:2] for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
         road.surfaces_m.append(np.array(square))
-        # A missing arm leaves a kerb: paint its edge.
+        # Where an arm is missing there is a kerb: mark its edge.
         for arm in ('left', 'right', 'ahead'):
             if arm not in spec.arms:
                 edge_pose = _advance((*centre[:2], pose[2] + ARM_TURN_RAD[arm]), half)
@@ -157,7 +157,7 @@ class RoadBuilder:
         return outlet
 
     def _arm(self, index: int, arm: str, inlet: Pose) -> None:
-        """A stub road that ends after `ARM_LENGTH_M`; `inlet` looks into the junction."""
+        """An arm of a junction, `ARM_LENGTH_M` long. inlet: pose where it enters, heading into the junction."""
         lanes = self.layout.forward_lanes
         far = _advance(inlet, -ARM_LENGTH_M)
         for lane in range(lanes):
@@ -168,7 +168,7 @@ class RoadBuilder:
         self.centre.append((index, ArcLane(far[:2], far[2], ARM_LENGTH_M, 0.0, 1, 1).centre_line(4.0)))
 
     def _connector(self, edge: Edge, start: Pose, goal: Pose, half: float, lanes: int) -> None:
-        """Lanes from inlet `start` to the outlet of arm `goal`: a line or a quarter circle."""
+        """Lanes across a junction, from inlet `start` to the arm with inlet `goal`: straight or a quarter circle."""
         angle = math.remainder(goal[2] + math.pi - start[2], 2 * math.pi)
         for lane in range(lanes):
             offset = (lane + 0.5) * LANE_WIDTH_M
@@ -180,7 +180,7 @@ class RoadBuilder:
                 self._add(edge, begin, radius * math.pi / 2, math.copysign(1 / radius, angle))
 
     def _ramp(self, index: int, end: Pose, length: float) -> None:
-        """An acceleration lane right of the section that ends at `end`, fed by an S-shaped ramp."""
+        """An acceleration lane right of the section that ends at `end`, fed by a curved on-ramp."""
         road, layout = self.road, self.layout
         start = _advance(end, -length)
         offset = -(layout.forward_lanes + 0.5) * LANE_WIDTH_M
@@ -188,7 +188,7 @@ class RoadBuilder:
         join = _advance(start, 0.0, offset)
         arc_length = radius * angle
         along, aside = radius * math.sin(angle), radius * (1 - math.cos(angle))
-        # The ramp comes from the right, bending right at the end to become parallel.
+        # The ramp approaches from the right and curves right until it is parallel to the road.
         arc_start = _advance(join, -along, -aside, angle)
         far = _advance(arc_start, -60.0)
         blend_m = 30.0
@@ -208,7 +208,7 @@ class RoadBuilder:
         self._dash_edge_line(start)
 
     def _exit(self, index: int, end: Pose, length: float) -> None:
-        """A deceleration lane right of the section that ends at `end`, and a ramp that bends away."""
+        """A deceleration lane right of the section that ends at `end`, and an off-ramp that curves away."""
         road, layout = self.road, self.layout
         start = _advance(end, -length)
         offset = -(layout.forward_lanes + 0.5) * LANE_WIDTH_M
@@ -231,7 +231,7 @@ class RoadBuilder:
         self._dash_edge_line(start)
 
     def _pave_side_lanes(self, edges: list[Edge], beside: Edge) -> None:
-        """Asphalt and edge lines of a ramp; the lane `beside` the road has no line on its left."""
+        """Asphalt and edge lines of a ramp; edge `beside`, which runs along the road, has no line on its left."""
         road, half, shoulder = self.road, LANE_WIDTH_M / 2, self.layout.shoulder_m
         for edge in edges:
             lane = road.lane(edge, 0)
@@ -242,7 +242,7 @@ class RoadBuilder:
                 road.markings.append(Marking('white', lane.centre_line(SAMPLE_M, half)))
 
     def _dash_edge_line(self, start: Pose) -> None:
-        """The edge line of the section that starts at `start`, beside an added lane, becomes a dashed one."""
+        """Make the right edge line of the section that starts at `start` dashed, where a lane was added beside it."""
         road, layout = self.road, self.layout
         edge_line = road.markings.pop(
             next(
@@ -255,7 +255,7 @@ class RoadBuilder:
         road.markings.append(Marking('white_dashed', edge_line.points_m))
 
     def _zebra(self, s_m: float) -> None:
-        """Bars across the whole road at an arc length of the forward chain, on a straight piece."""
+        """A zebra crossing over the whole road at arc length `s_m` of the forward chain, on a straight piece."""
         path = self.road.forward_path(0)
         x, y, yaw = path.pose(s_m)
         origin = _advance((x, y, yaw), 0.0, LANE_WIDTH_M / 2)
@@ -269,7 +269,7 @@ class RoadBuilder:
             offset += 1.0
 
     def _reject_overlap(self) -> None:
-        """Pieces that are not neighbours must stay apart, or the map would not be one a car can drive."""
+        """Raise LayoutError where pieces that are not adjacent come too close to each other."""
         clearance = 2.0 * max(self.layout.forward_lanes, self.layout.backward_lanes) * LANE_WIDTH_M + 6.0
         for i, (piece_a, points_a) in enumerate(self.centre):
             for piece_b, points_b in self.centre[i + 1 :]:
@@ -280,5 +280,5 @@ class RoadBuilder:
 
 
 def build_road(layout: RoadLayout) -> RoadMap:
-    """Raises `LayoutError` where pieces overlap: scenario draws are then repeated."""
+    """The map of a layout. Raises LayoutError where pieces overlap; scenes are then drawn again."""
     return RoadBuilder(layout).build()

@@ -27,7 +27,10 @@ SAMPLE_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Marking:
-    """Paint on the road. kind: white | white_dashed | yellow | yellow_dashed | stop | zebra (a polygon)."""
+    """A road marking. kind: white, white_dashed, yellow, yellow_dashed or stop (polylines), or zebra (a polygon).
+
+    points_m: (N, 2).
+    """
 
     kind: str
     points_m: Float64
@@ -35,7 +38,7 @@ class Marking:
 
 @dataclass(slots=True)
 class JunctionSite:
-    """Where a junction stands. `entry_s_m` and `exit_s_m`: arc length along the forward chain."""
+    """Pose and extent of a junction. piece: its index in the layout. entry_s_m, exit_s_m: along the forward chain."""
 
     piece: int
     centre_m: tuple[float, float]
@@ -48,6 +51,8 @@ class JunctionSite:
 
 @dataclass(slots=True)
 class RoadMap:
+    """Lanes, surfaces and markings of a road. surfaces_m, sidewalks_m: (N, 2) polygons. exit: edges of the off-ramp."""
+
     network: RoadNetwork
     layout: RoadLayout
     forward: list[Edge] = field(default_factory=list)
@@ -67,7 +72,7 @@ class RoadMap:
         return found
 
     def path(self, edges: list[Edge], lane: int = 0) -> Path:
-        """The centre line of one lane id along a list of edges."""
+        """The centre line of one lane along consecutive edges."""
         return Path(np.concatenate([self.lane(edge, lane).centre_line(SAMPLE_M) for edge in edges]))
 
     def forward_path(self, lane: int = 0) -> Path:
@@ -80,23 +85,25 @@ class RoadMap:
         return self.reference
 
     def backward_path(self, lane: int = 0) -> Path:
-        """Oncoming traffic, from the far end of the chain to its start."""
+        """A lane of oncoming traffic, from the far end of the chain to its start."""
         return self.path(self.backward[::-1], lane)
 
     def ramp_path(self) -> Path:
-        """The ramp, its acceleration lane, and then the main road's rightmost lane."""
+        """The on-ramp, its acceleration lane, then the rightmost lane of the main road."""
         right = self.layout.forward_lanes - 1
         on_ramp = self.path(self.ramp)
         merged = self.path(self.forward[self.ramp_piece + 1 :], right)
         return Path(np.concatenate([on_ramp.points_m, merged.points_m]))
 
     def exit_path(self) -> Path:
-        """The exit ramp, from where its deceleration lane leaves the road."""
+        """The off-ramp, from the end of its deceleration lane on."""
         return self.path(self.exit[1:])
 
     def crossing_path(self, junction: int, source: str, target: str, lane: int = 0) -> Path:
-        """Traffic over a junction between arms: left, right, ahead, or `back` (where the ego comes from), from and to
-        the ends of the pieces next to the junction."""
+        """A lane across a junction from arm `source` to arm `target`, with the adjacent pieces at full length.
+
+        Arms: left, right, ahead, or `back`, where the ego comes from.
+        """
         piece = self.junctions[junction].piece
         edges: list[Edge] = []
         if source == 'back':

@@ -151,7 +151,7 @@ def test_obstacles_stand_on_the_route_and_the_way_past_them_does_not() -> None:
     )
     assert blocker < 1.0
     middle = (begin + end) / 2
-    assert world.way_offset_m(middle) == pytest.approx(offset)
+    assert world.detour_offset_m(middle) == pytest.approx(offset)
     assert world.lateral_range_m(middle) == (0.0, offset)
     assert world.lateral_range_m(begin - 50.0) == (0.0, 0.0)
 
