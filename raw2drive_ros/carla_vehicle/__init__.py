@@ -1,4 +1,4 @@
-"""A car of a CARLA server: its sensors in our contract's frames and units, our commands in its. No ROS here.
+"""A car on a CARLA server: sensor data and commands converted between CARLA's conventions and our contract. No ROS.
 
-The package `carla` (extra `carla`) is imported by `client` only, when a server is wanted.
+Only `client` imports the package `carla` (extra `carla`), and only when it connects to a server.
 """

@@ -1,4 +1,4 @@
-"""A car with cameras and IMU on a CARLA server that this process ticks (synchronous mode, 20 Hz)."""
+"""A car with cameras and IMU on a CARLA server in synchronous mode, ticked by this process at 20 Hz."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ ROUTE_SPACING_M = 30.0
 
 @dataclass(frozen=True, slots=True)
 class CarlaSettings:
-    """town: '' keeps the server's. vehicle: blueprint. spawn_point: index on the map. seed: of the route's choices."""
+    """town: '' keeps the loaded map. vehicle: blueprint id. spawn_point: index on the map. route_m: the route's length.
+
+    seed: of the choices at junctions. imu_x_m: position of the IMU in `base_link`.
+    """
 
     host: str = 'localhost'
     port: int = 2000
@@ -43,7 +46,7 @@ class CarlaSettings:
 
 @dataclass(frozen=True, slots=True)
 class CarlaTick:
-    """One decision tick; the attributes that `recording.tick_messages` reads."""
+    """All data of one decision tick, with the attributes that `evaluation.tick_messages` reads."""
 
     stamp_ns: int
     sensors: SensorFrame
@@ -53,12 +56,12 @@ class CarlaTick:
 
 
 class CarlaVehicle:
-    """Use as a context manager: what it spawns goes, and the server's settings come back, however the block is left."""
+    """A context manager: on exit it destroys the actors that it spawned and restores the server's settings."""
 
     def __init__(self, settings: CarlaSettings, rig: tuple[CameraCalibration, ...]) -> None:
-        """Raises CarlaError without the package, without a server, or where the car cannot be put."""
+        """Raises CarlaError without the package or a server, or where the car cannot be spawned."""
         self.settings, self.rig = settings, rig
-        self.carla = _package()
+        self.carla = import_carla()
         for camera in rig:
             fov_deg(camera.intrinsics, camera.width, camera.height)
         self.actors: list[Any] = []
@@ -77,7 +80,7 @@ class CarlaVehicle:
         try:
             self._make()
         except BaseException:
-            # Ctrl-C too: a server left in synchronous mode waits for ever.
+            # Also on Ctrl-C: a server that stays in synchronous mode waits for ever.
             self.close()
             raise
 
@@ -111,7 +114,7 @@ class CarlaVehicle:
             self._mount(camera.name, plan, *camera_placement(camera.base_from_camera))
         at = (self.settings.imu_x_m, 0.0, 0.0)
         self._mount('imu', plans.find('sensor.other.imu'), at, (0.0, 0.0, 0.0))
-        # One tick puts the car into the world; before it, its transform is that of the origin.
+        # The car appears in the world with the next tick; until then its transform is the origin.
         self._advance()
         waypoint = self.world.get_map().get_waypoint(place.location)
         rng = np.random.default_rng(self.settings.seed)
@@ -129,7 +132,7 @@ class CarlaVehicle:
         self.collector.put(name, int(measurement.frame), measurement)
 
     def _advance(self) -> tuple[dict[str, Any], ImuSample, OdometrySample]:
-        """One physics tick: what was measured in it."""
+        """One physics tick: (measurements by sensor, IMU sample, odometry sample)."""
         try:
             frame = self.world.tick(self.settings.timeout_s)
         except RuntimeError as error:
@@ -144,7 +147,7 @@ class CarlaVehicle:
         return found, imu, odometry
 
     def step(self, control: Control) -> CarlaTick:
-        """Two physics ticks under `control`: the next decision tick. Raises CarlaError, SensorTimeoutError."""
+        """The next decision tick, after two physics ticks under `control`. Raises CarlaError, SensorTimeoutError."""
         self.car.apply_control(self.carla.VehicleControl(**control_values(control)))
         samples = []
         for _ in range(2):
@@ -156,9 +159,9 @@ class CarlaVehicle:
         return CarlaTick(self.stamp_ns, frame, imus, odometries, self.route)
 
     def close(self) -> None:
-        """Take everything away and give the server its clock back; a server that is gone is no error here."""
+        """Destroy the actors and restore the server's settings; ignores errors of a server that no longer answers."""
         for actor in reversed(self.actors):
-            # One that cannot be taken away keeps neither the others nor the server's settings.
+            # An actor that cannot be destroyed must not prevent the rest of the cleanup.
             with contextlib.suppress(RuntimeError):
                 if hasattr(actor, 'stop'):
                     actor.stop()
@@ -168,7 +171,8 @@ class CarlaVehicle:
             self.world.apply_settings(self.before)
 
 
-def _package() -> Any:
+def import_carla() -> Any:
+    """The package `carla`, imported when a server is wanted. Raises CarlaError where it is not installed."""
     try:
         import carla
     except ImportError as error:

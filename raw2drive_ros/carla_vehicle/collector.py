@@ -1,4 +1,4 @@
-"""What the sensors of one simulation frame measured: they report from threads of their own, in any order."""
+"""Collects the measurements of one simulation frame; CARLA's sensors report from their own threads, in any order."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from raw2drive_ros.errors import SensorTimeoutError
 
 
 class FrameCollector:
-    """names: sensors that have to report every frame. `put` is called by their threads, `take` by ours."""
+    """names: the sensors that report in every frame. Their threads call `put`, the main thread calls `take`."""
 
     def __init__(self, names: tuple[str, ...], timeout_s: float) -> None:
         self.names, self.timeout_s = names, timeout_s
@@ -18,14 +18,14 @@ class FrameCollector:
         self._oldest = 0
 
     def put(self, name: str, frame: int, measurement: Any) -> None:
-        """Measurements of frames that were taken already are dropped."""
+        """Add a measurement; dropped if its frame was taken already."""
         with self._changed:
             if frame >= self._oldest:
                 self._found.setdefault(frame, {})[name] = measurement
                 self._changed.notify_all()
 
     def take(self, frame: int) -> dict[str, Any]:
-        """All measurements of `frame` by name; forgets older frames. Raises SensorTimeoutError with who is missing."""
+        """All measurements of `frame` by name; drops older frames. Raises SensorTimeoutError if sensors are missing."""
         with self._changed:
             complete = self._changed.wait_for(
                 lambda: len(self._found.get(frame, ())) == len(self.names), self.timeout_s

@@ -1,4 +1,4 @@
-"""Between CARLA's axes and ours.
+"""Conversions between CARLA's coordinate systems and REP-103.
 
 CARLA is left-handed: x forward, y RIGHT, z up, metres and degrees; steering, yaw and the yaw rate are positive to the
 right, pitch with the nose up. Ours are right-handed (REP-103): y and yaw to the left, pitch with the nose down.
@@ -14,7 +14,7 @@ import numpy as np
 from raw2drive_ros.contract import Control, Float64, Image8, ImuSample, OdometrySample
 from raw2drive_ros.errors import ContractError
 
-# Mirrors y. A pose in one system is MIRROR @ pose @ MIRROR in the other.
+# Reflection of y. A pose in one system is MIRROR @ pose @ MIRROR in the other.
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 # Columns: right, down and forward of a camera that looks along x.
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -26,7 +26,8 @@ def pose_from_carla(matrix: Any) -> Float64:
 
 
 def placement(pose: Float64) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """(x, y, z) metres and (pitch, yaw, roll) degrees of `carla.Location` and `carla.Rotation`, of a pose of ours."""
+    """Arguments of `carla.Location` (x, y, z in m) and `carla.Rotation` (pitch, yaw, roll in degrees) for a (4, 4) pose
+    in REP-103 axes."""
     x, y, z = pose[:3, 3]
     turn = pose[:3, :3]
     pitch = math.asin(max(-1.0, min(1.0, turn[2, 0])))
@@ -37,14 +38,14 @@ def placement(pose: Float64) -> tuple[tuple[float, float, float], tuple[float, f
 def camera_placement(
     base_from_camera: Float64,
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """`placement` of a camera: its pose is that of the optical frame, CARLA's camera looks along its x."""
+    """`placement` of a camera from the pose of its optical frame: CARLA's cameras look along x."""
     body = base_from_camera.copy()
     body[:3, :3] = body[:3, :3] @ _OPTICAL.T
     return placement(body)
 
 
 def fov_deg(intrinsics: Float64, width: int, height: int) -> float:
-    """Horizontal field of view. Raises ContractError for what CARLA's camera cannot be: fx != fy, or off-centre."""
+    """Horizontal field of view. Raises ContractError for fx != fy or an off-centre principal point (not in CARLA)."""
     focal = float(intrinsics[0, 0])
     centre = abs(intrinsics[0, 2] - width / 2.0) < 1.0 and abs(intrinsics[1, 2] - height / 2.0) < 1.0
     if abs(intrinsics[1, 1] / focal - 1.0) > 1e-3 or not centre:
@@ -61,9 +62,9 @@ def image_from_carla(raw_data: Any, width: int, height: int) -> Image8:
 
 
 def imu_from_carla(stamp_ns: int, accelerometer: Any, gyroscope: Any) -> ImuSample:
-    """From the vectors of a `carla.IMUMeasurement` (m/s2 with gravity, rad/s).
+    """IMU sample from the vectors of a `carla.IMUMeasurement` (m/s2 with gravity, rad/s).
 
-    A rate is an axial vector: mirroring y changes the signs of x and z.
+    An angular rate is an axial vector: the reflection of y changes the signs of x and z.
     """
     force = (float(accelerometer.x), float(-accelerometer.y), float(accelerometer.z))
     rate = (float(-gyroscope.x), float(gyroscope.y), float(-gyroscope.z))
@@ -71,7 +72,7 @@ def imu_from_carla(stamp_ns: int, accelerometer: Any, gyroscope: Any) -> ImuSamp
 
 
 def odometry_from_carla(stamp_ns: int, matrix: Any, velocity: Any, angular_velocity: Any) -> OdometrySample:
-    """From an actor's matrix, its velocity (m/s, world) and angular velocity (deg/s, world)."""
+    """Odometry from an actor's matrix, its velocity (m/s, world) and its angular velocity (deg/s, world)."""
     pose = pose_from_carla(matrix)
     forward = pose[:3, 0]
     speed = forward @ (velocity.x, -velocity.y, velocity.z)
@@ -81,7 +82,7 @@ def odometry_from_carla(stamp_ns: int, matrix: Any, velocity: Any, angular_veloc
 
 
 def control_values(control: Control) -> dict[str, float | bool]:
-    """Keyword arguments of `carla.VehicleControl`; it steers positive to the right."""
+    """Keyword arguments of `carla.VehicleControl`, whose steering is positive to the right."""
     control.validate()
     return {
         'throttle': control.throttle,

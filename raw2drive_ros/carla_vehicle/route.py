@@ -1,4 +1,4 @@
-"""A route along CARLA's lanes: straight on where it can, a seeded choice at junctions."""
+"""A route along CARLA's lanes, with a seeded random choice wherever lanes branch."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from raw2drive_ros.errors import ContractError
 
 
 def follow_lanes(waypoint: Any, length_m: float, spacing_m: float, rng: np.random.Generator) -> Float64:
-    """(N, 2) checkpoints in `map` from a `carla.Waypoint` on, until `length_m` or the end of the road.
+    """(N, 2) checkpoints in `map`, `spacing_m` apart, from a `carla.Waypoint` on, up to `length_m` or the road's end.
 
-    Raises ContractError for a road that ends before the second one.
+    Raises ContractError where the road ends before the second checkpoint.
     """
     points = [_position(waypoint)]
     for _ in range(round(length_m / spacing_m)):
         ways = waypoint.next(spacing_m)
         if not ways:
             break
-        # The order in which the server lists them is not promised.
+        # The order in which the server lists them is not guaranteed.
         ways = sorted(ways, key=lambda way: (way.road_id, way.lane_id))
         waypoint = ways[int(rng.integers(len(ways)))]
         points.append(_position(waypoint))

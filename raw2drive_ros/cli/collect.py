@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help='ask the expert at 4 ticks in a row out of N (4: always)',
     )
-    parser.add_argument('--seed', type=int, default=0, help='another number draws other training routes')
-    parser.add_argument('--weather', default=CLEAR, help='a weather preset, or cycle: another one every episode')
+    parser.add_argument('--seed', type=int, default=0, help='0 or more; another one draws other training routes')
+    parser.add_argument('--weather', default=CLEAR, help='a weather preset, or cycle: one of all presets every episode')
     parser.add_argument('--vary', action='store_true', help='vary camera, mounting, paint and sun between episodes')
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--no-cameras', action='store_true', help='leave the images out (stage 1 does not need them)')
@@ -65,13 +65,15 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.progress import bar
     from raw2drive_ros.simulation.camera_rig import SIZES
 
+    if options.seed < 0:
+        raise UsageError(f'--seed {options.seed}: give 0 or more')
     if options.advice_every < ASKED_TICKS:
         raise UsageError(f'--advice-every: give {ASKED_TICKS} or more')
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
-    scenarios = weighted_types(options.routes, options.seed)
+    scenarios = weighted_types(options.routes)
     noise = 0.0 if options.table else options.noise
     driver = make_driver(options.driver, options.bundle, options.training_run, noise)
     if options.table:

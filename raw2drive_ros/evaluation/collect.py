@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
@@ -20,14 +22,19 @@ from raw2drive_ros.simulation.weather import CLEAR
 
 # Collection seeds start here, so that no collected route is an evaluation route (seeds 0 ... 9,999).
 TRAIN_SEED_START = 100_000
+# Route seeds that one collection has to itself.
+SEEDS_PER_COLLECTION = 10_000
 STANDING_MPS = 0.1
+# Keep the generators that order types and weathers apart.
+TYPE_STREAM, WEATHER_STREAM = 1, 2
 
 
 @dataclass(frozen=True, slots=True)
 class CollectConfig:
     """ticks: decision ticks to write. episode_ticks: an episode is cut after so many, and after `stand_ticks` (0:
     never) without motion, because a driver that is stuck fills bags with one frame. image_size: (H, W).
-    weathers: taken in turn, one an episode. vary: see `SimulationConfig`."""
+    scenarios, weathers: one of each per episode, see `episode_route`; what is named twice is drawn twice as often.
+    seed: of the collection, 0 or more (ValueError). vary: see `SimulationConfig`."""
 
     scenarios: tuple[str, ...]
     ticks: int
@@ -40,6 +47,31 @@ class CollectConfig:
     weathers: tuple[str, ...] = (CLEAR,)
     vary: bool = False
 
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            # Route seeds below `TRAIN_SEED_START` are those of evaluation and validation.
+            raise ValueError(f'CollectConfig: seed {self.seed}: give 0 or more')
+
+
+def episode_route(config: CollectConfig, number: int) -> RouteId:
+    """The route of episode `number` (from 0 on) of a collection; depends on nothing else that was driven.
+
+    Scenario types and weathers are two independent sequences: each is one random permutation of its list after
+    another, so that every entry occurs equally often and neither decides on the other.
+    """
+    return RouteId(
+        _permuted(config.scenarios, config.seed, TYPE_STREAM, number),
+        TRAIN_SEED_START + SEEDS_PER_COLLECTION * config.seed + number,
+        _permuted(config.weathers, config.seed, WEATHER_STREAM, number),
+    )
+
+
+def _permuted(names: Sequence[str], seed: int, stream: int, number: int) -> str:
+    """Entry `number` of an endless sequence of permutations of `names`."""
+    turn, place = divmod(number, len(names))
+    order = np.random.default_rng([seed, stream, turn]).permutation(len(names))
+    return names[int(order[place])]
+
 
 def collect(
     folder: Path,
@@ -51,23 +83,18 @@ def collect(
     simulation = SimulationConfig(config.image_size, cameras=config.cameras, vary=config.vary)
     env = DrivingEnv(simulation)
     messages = TickMessages(RosbagsFactory(), env.rig)
-    seed = TRAIN_SEED_START + 10_000 * config.seed
-    first = seed
-    done_ticks = 0
+    number = done_ticks = 0
     while done_ticks < config.ticks:
-        path = folder / f'{provenance.get("driver", "driver")}_{seed:06d}'
-        metadata = provenance | {'first_seed': str(seed), 'scenarios': ','.join(config.scenarios)}
+        first = episode_route(config, number)
+        path = folder / f'{provenance.get("driver", "driver")}_{first.seed:06d}'
+        metadata = provenance | {'first_seed': str(first.seed), 'scenarios': ','.join(config.scenarios)}
         with BagWriter(path, metadata) as bag:
             for topic, stamp, message in messages.latched(env.clock_ns):
                 bag.write(topic, stamp, message)
             in_bag = 0
             while in_bag < config.bag_ticks and done_ticks + in_bag < config.ticks:
-                number = seed - first
-                name = config.scenarios[number % len(config.scenarios)]
-                # One weather further on with every round through the scenarios, or some pairs would never meet.
-                weather = config.weathers[(number + number // len(config.scenarios)) % len(config.weathers)]
-                in_bag += _episode(env, messages, bag, RouteId(name, seed, weather), driver, config)
-                seed += 1
+                in_bag += _episode(env, messages, bag, episode_route(config, number), driver, config)
+                number += 1
                 yield done_ticks + in_bag, path
         done_ticks += in_bag
 

@@ -1,8 +1,8 @@
-"""A privileged expert without learning: it tries speeds and offsets in a fork of the simulation and takes the best.
+"""A privileged expert without learning: it simulates several speeds and lateral offsets, and drives by the best.
 
-It bounds what is solvable on a route: the fork holds every trigger and every intention, which no fair
-driver knows. Pure pursuit steers; the plan is a share of the speed limit and a lateral offset, kept for
-`REPLAN_TICKS` decisions.
+It shows what can be solved on a route: its rollouts use a fork of the world with all triggers and intentions, which
+no driver could observe. A plan is a share of the speed limit and a lateral offset, kept for `REPLAN_TICKS` decisions;
+pure pursuit steers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from raw2drive_ros.evaluation.following import (
     stopping,
 )
 from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
-from raw2drive_ros.simulation.criteria import LANE_TOLERANCE_M, beside_route_m
+from raw2drive_ros.simulation.criteria import LANE_TOLERANCE_M, route_deviation_m
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
 
@@ -43,7 +43,7 @@ OFF_ROAD_PENALTY = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """share: of the speed limit. offset_m: to the left of the route. hold: wait before another lane is entered."""
+    """share: of the speed limit. offset_m: to the left of the route or detour. hold: wait at the start of a detour."""
 
     share: float
     offset_m: float = 0.0
@@ -51,7 +51,7 @@ class Plan:
 
 
 class ExpertDriver:
-    """control(world) -> Control. Deterministic. stride: of the forks in which plans are rehearsed (`World.fork`)."""
+    """`control(world)` returns a `Control`; deterministic. stride: of the forks for rollouts, see `World.fork`."""
 
     def __init__(self, stride: int = 1) -> None:
         self.stride = stride
@@ -67,28 +67,28 @@ class ExpertDriver:
 
 
 def choose(world: World, current: Plan, stride: int = 1) -> Plan:
-    """The plan whose simulated future is best.
+    """The plan with the best rollout.
 
-    Another lane is entered only on a plan that nobody has to brake for, seen through to its end: otherwise two
-    cars would stand nose to nose.
+    A detour is started only with a plan that makes nobody brake until its end; otherwise the ego and an oncoming car
+    could block each other.
     """
     zone = detour_zone(world)
     before = zone is not None and world.front_s_m < zone[0]
     if zone is not None and before and world.front_s_m > zone[0] - ZONE_SIGHT_M:
         for share in SPEED_SHARES[:3]:
-            if rehearse(world, Plan(share), zone[1], stride)[1]:
+            if roll_out(world, Plan(share), zone[1], stride)[1]:
                 return Plan(share)
     best, best_score = Plan(0.0, hold=before), -math.inf
     for offset in OFFSETS_M:
         for share in SPEED_SHARES:
             plan = Plan(share, offset, before)
-            score, clean = rehearse(world, plan, None, stride)
+            score, clean = roll_out(world, plan, None, stride)
             if plan == current:
                 score += 0.5
             if score > best_score:
                 best, best_score = plan, score
             if clean:
-                # Slower plans with the same offset cannot gain anything over a clean faster one.
+                # With the same offset a slower plan cannot beat a faster one without penalties.
                 break
         if best_score > 0.0:
             break
@@ -96,9 +96,10 @@ def choose(world: World, current: Plan, stride: int = 1) -> Plan:
 
 
 def detour_zone(world: World) -> tuple[float, float] | None:
-    """(start, end) on the route of the next stretch that uses another lane, or None.
+    """(start, end) arc lengths on the route of the next detour through another lane, or None.
 
-    Where that lane runs the ego's way, it is enough to have got into it: the end is the end of the lane change.
+    For a lane in the ego's direction the end is that of the lane change into it; for the oncoming lane that of the lane
+    change back.
     """
     changes = world.scene.route.detour
     for i, out in enumerate(changes):
@@ -110,11 +111,11 @@ def detour_zone(world: World) -> tuple[float, float] | None:
     return None
 
 
-def rehearse(world: World, plan: Plan, until_s_m: float | None = None, stride: int = 1) -> tuple[float, bool]:
-    """(score, clean) of driving `plan` in a fork. Score: metres of progress minus penalties.
+def roll_out(world: World, plan: Plan, until_s_m: float | None = None, stride: int = 1) -> tuple[float, bool]:
+    """(score, clean) of a rollout of `plan` in a fork. score: metres of progress minus penalties. clean: no penalty.
 
-    For `HORIZON_S`, or, where that is given, until the route's arc length `until_s_m` is reached; not to
-    reach it within `PASS_LIMIT_S` is not clean.
+    It lasts `HORIZON_S` or, with `until_s_m`, until the ego reaches that arc length of the route; a rollout that does
+    not reach it within `PASS_LIMIT_S` is not clean.
     """
     fork = world.fork(stride)
     start_s_m = fork.route_s_m
@@ -127,13 +128,13 @@ def rehearse(world: World, plan: Plan, until_s_m: float | None = None, stride: i
         for _ in range(SUBSTEPS // stride):
             fork.step(control)
         if hits(fork):
-            # Later is better: it leaves time for another plan.
+            # A later collision costs less: it leaves time for another plan.
             penalty += 200.0 - tick
             break
-        if _forces_others(fork):
+        if _forces_hard_braking(fork):
             penalty += 1.5
-        aside = abs(fork.route_lateral_m - fork.way_offset_m(fork.route_s_m) - plan.offset_m)
-        penalty += 0.4 * max(0.0, aside - 1.2) + (OFF_ROAD_PENALTY if beside_route_m(fork) > EDGE_M else 0.0)
+        aside = abs(fork.route_lateral_m - fork.detour_offset_m(fork.route_s_m) - plan.offset_m)
+        penalty += 0.4 * max(0.0, aside - 1.2) + (OFF_ROAD_PENALTY if route_deviation_m(fork) > EDGE_M else 0.0)
         if fork.goal_s_m - fork.route_s_m < 9.0:
             return 500.0 - 2.0 * tick - penalty, penalty == 0.0
     clean = penalty == 0.0 and until_s_m is None
@@ -141,7 +142,7 @@ def rehearse(world: World, plan: Plan, until_s_m: float | None = None, stride: i
 
 
 def hits(world: World, margin_m: float = MARGIN_M) -> bool:
-    """Does the ego, grown by a margin, touch anything?"""
+    """Whether the ego, enlarged by a margin, overlaps an actor."""
     ego = world.ego
     near = np.abs(world.positions[:-1] - ego.position).max(axis=1) < 7.0
     if not near.any():
@@ -156,8 +157,8 @@ def hits(world: World, margin_m: float = MARGIN_M) -> bool:
     return False
 
 
-def _forces_others(world: World) -> bool:
-    """Does somebody near have to brake hard for the ego?"""
+def _forces_hard_braking(world: World) -> bool:
+    """Whether a vehicle near the ego brakes hard."""
     for actor in world.actors:
         if isinstance(actor, StandingObject | Walker) or actor.command_acceleration > HARD_BRAKING_MPS2:
             continue
@@ -167,14 +168,14 @@ def _forces_others(world: World) -> bool:
 
 
 def follow(world: World, plan: Plan) -> Control:
-    """Pure pursuit on the way, IDM behind what is on it, stops at lights and signs."""
+    """Pure pursuit on the route or detour, IDM behind the leading actor, stops at lights and signs."""
     speed = max(world.ego.speed, 0.0)
     wanted = plan.share * world.speed_limit_at(world.route_s_m)
-    # From 1 m ahead: what stands beside the ego's centre is no leader.
-    gap, closing = leader(world, world.way_window(world.route_s_m + 1.0, SIGHT_M))
+    # From 1 m ahead on: an actor beside the ego's centre is not ahead of it.
+    gap, closing = leader(world, world.detour_window(world.route_s_m + 1.0, SIGHT_M))
     line = stop_line_m(world)
     zone = detour_zone(world) if plan.hold else None
     if zone is not None and zone[0] > world.front_s_m - 0.5:
         line = min(line, zone[0] - world.front_s_m)
     acceleration = min(idm_acceleration(speed, wanted, gap, closing), stopping(speed, line))
-    return pedals(world, acceleration, pursuit_steer(world, offset_m=plan.offset_m, past_obstacles=True))
+    return pedals(world, acceleration, pursuit_steer(world, offset_m=plan.offset_m, along_detour=True))

@@ -1,4 +1,4 @@
-"""What every driver that reads the simulator shares: steering along the route, IDM, stop lines, pedals."""
+"""Shared by all drivers that read the simulator's state: steering along the route, IDM, stop lines, pedals."""
 
 from __future__ import annotations
 
@@ -20,15 +20,18 @@ IDM_GAP_M = 3.0
 
 
 def pursuit_steer(
-    world: World, look_ahead_s: float = LOOK_AHEAD_S, offset_m: float = 0.0, *, past_obstacles: bool = False
+    world: World, look_ahead_s: float = LOOK_AHEAD_S, offset_m: float = 0.0, *, along_detour: bool = False
 ) -> float:
-    """Pure pursuit: steering in [-1, 1], left positive, towards the route's point `look_ahead_s` of travel (4 m
-    at least) ahead, `offset_m` to its left. past_obstacles: along the reference way around what blocks the route."""
+    """Pure pursuit: steering in [-1, 1], left positive.
+
+    The target is the point of the route `look_ahead_s` of travel ahead, at least `LOOK_AHEAD_MIN_M`, and `offset_m` to
+    its left. along_detour: follow the reference detour around obstacles.
+    """
     ego = world.ego
     ahead = max(LOOK_AHEAD_MIN_M, look_ahead_s * max(ego.speed, 0.0))
     there = world.route_s_m + ahead
-    if past_obstacles:
-        offset_m += world.way_offset_m(there)
+    if along_detour:
+        offset_m += world.detour_offset_m(there)
     x, y, _ = world.route.pose(there, offset_m)
     dx, dy = x - float(ego.position[0]), y - float(ego.position[1])
     cos, sin = math.cos(ego.heading), math.sin(ego.heading)
@@ -38,9 +41,9 @@ def pursuit_steer(
     return min(max(wheel / ego.parameters.max_steer_rad, -1.0), 1.0)
 
 
-def beside_route(world: World, offset_m: float = 0.0) -> Float64:
-    """(M, 2) points of the route ahead, from 1 m ahead on (what stands beside the ego's centre is no leader), 1 m
-    apart, `offset_m` to its left."""
+def route_window(world: World, offset_m: float = 0.0) -> Float64:
+    """(M, 2) points of the route, 1 m apart, `offset_m` to its left, from 1 m ahead of the ego's centre on (an actor
+    beside it is not ahead)."""
     first = max(0, int((world.route_s_m + 1.0) / SPACING_M))
     part = slice(first, first + int(SIGHT_M / SPACING_M), 2)
     points = world.route.points_m[part]
@@ -51,13 +54,16 @@ def beside_route(world: World, offset_m: float = 0.0) -> Float64:
 
 
 def leader(world: World, window_m: Float64) -> tuple[float, float]:
-    """(free gap, closing speed) to the first thing in the ego's corridor along `window_m`, or (inf, 0)."""
+    """(free gap m, closing speed m/s) to the leading actor in the ego's corridor along `window_m`, or (inf, 0).
+
+    window_m: (M, 2) points, 1 m apart.
+    """
     gap, closing = first_on_path(world, len(world.actors), window_m, 0.2, SIGHT_M)
     return gap + 1.0, closing
 
 
 def idm_acceleration(speed: float, wanted: float, gap: float, closing: float) -> float:
-    """IDM towards `wanted` (m/s), behind a leader `gap` metres ahead."""
+    """Acceleration (m/s2) of IDM with target speed `wanted` (m/s), `gap` (m) behind a leading vehicle."""
     free = 3.0 * (1.0 - speed / wanted) if wanted > 0.1 else -4.0 if speed > 0.1 else 0.0
     free = max(free, -5.0)
     if gap > SIGHT_M:
@@ -67,7 +73,7 @@ def idm_acceleration(speed: float, wanted: float, gap: float, closing: float) ->
 
 
 def stop_line_m(world: World) -> float:
-    """Free distance to the next line that the ego has to stop at, or inf."""
+    """Distance (m) from the front bumper to the next line that the ego has to stop at, or inf."""
     front, best = world.front_s_m, math.inf
     for light in world.lights:
         gap = light.line_s_m - front
@@ -80,7 +86,10 @@ def stop_line_m(world: World) -> float:
 
 
 def stopping(speed: float, gap_m: float) -> float:
-    """Acceleration that stops the front bumper 1 m before a line `gap_m` ahead, once that needs more than a little."""
+    """Acceleration (m/s2) that stops the front bumper `STOP_BEFORE_M` before a line `gap_m` ahead; inf without a line.
+
+    It brakes once that takes more than a slight deceleration.
+    """
     if gap_m == math.inf:
         return gap_m
     room = gap_m - STOP_BEFORE_M
@@ -89,12 +98,12 @@ def stopping(speed: float, gap_m: float) -> float:
     needed = speed * speed / (2.0 * room)
     if needed > 1.2:
         return -1.15 * needed
-    # Slow enough already: roll on, but never faster than what can stop.
+    # Slow enough: roll on, at most at the speed that still allows to stop.
     return 2.0 * (math.sqrt(2.0 * 1.2 * room) - speed)
 
 
 def pedals(world: World, acceleration_mps2: float, steer: float) -> Control:
-    """Throttle or brake that give the ego's vehicle model about this acceleration; at rest it is held by the brake."""
+    """Throttle or brake for about this acceleration of the ego's vehicle model; the brake holds it at rest."""
     p, speed = world.ego.parameters, max(world.ego.speed, 0.0)
     if acceleration_mps2 < -0.8 or (acceleration_mps2 <= 0.0 and speed < 0.3):
         return Control(0.0, min(1.0, max(0.3, -acceleration_mps2 / p.brake_deceleration_mps2)), steer)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from raw2drive_ros.errors import UnknownScenarioError
 from raw2drive_ros.simulation.route_id import NUMBER, RouteId
 from raw2drive_ros.simulation.scenario import load_scenarios
@@ -37,11 +35,10 @@ def routes_of(name: str, seeds: int, first_seed: int = 0, weather: str = CLEAR) 
     ]
 
 
-def weighted_types(name: str, seed: int) -> tuple[str, ...]:
-    """Scenario types in a collector's order: the words of `routes_of`, where `WORD*3` counts three times.
+def weighted_types(name: str) -> tuple[str, ...]:
+    """Scenario types for a collector: the words of `routes_of`; with `WORD*3` a type is there three times.
 
-    With weights the order is drawn from `seed`, so that a collector that stops early has no favourites.
-    Raises UnknownScenarioError.
+    The order means nothing: the collector permutes it (`collect.episode_route`). Raises UnknownScenarioError.
     """
     chosen: list[str] = []
     for part in name.split(','):
@@ -49,6 +46,4 @@ def weighted_types(name: str, seed: int) -> tuple[str, ...]:
         if star and not (NUMBER.fullmatch(times) and int(times) > 0):
             raise UnknownScenarioError(f'unknown routes {part!r}: a weight is a whole number, as in ParkedObstacle*3')
         chosen += [route.type for route in routes_of(word, 1)] * int(times or 1)
-    if '*' not in name:
-        return tuple(dict.fromkeys(chosen))
-    return tuple(chosen[i] for i in np.random.default_rng(seed).permutation(len(chosen)))
+    return tuple(chosen if '*' in name else dict.fromkeys(chosen))

@@ -1,7 +1,7 @@
-"""A rule driver that reads the simulator's state: pure pursuit on the route, IDM, a conflict check, signs and lights.
+"""A rule-based driver that reads the simulator's state: pure pursuit, IDM, a conflict check, signs and lights.
 
-It collects the first bags. Its `noise` mixes in bursts of random actions, so that the world model
-also sees what happens off the ideal line.
+It collects the first bags. `noise` inserts bursts of random actions, so that the bags also cover states away from the
+route.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from raw2drive_ros.actions import ACTION_COUNT, ACTIONS
 from raw2drive_ros.contract import Control
 from raw2drive_ros.evaluation.following import (
     SIGHT_M,
-    beside_route,
     idm_acceleration,
     leader,
     pedals,
     pursuit_steer,
+    route_window,
     stop_line_m,
     stopping,
 )
@@ -26,13 +26,13 @@ from raw2drive_ros.simulation.world import World
 
 SPEED_SHARE = 0.85
 CONFLICT_S, STEP_S = 3.0, 0.25
-# Pace at which a standing ego asks whether it may drive on, and how near others may come to its centre.
+# Speed that the conflict check assumes for a slower ego, and distance from its centre that others have to keep.
 CREEP_MPS = 3.0
 CLEAR_M = 2.5
 
 
 class RuleDriver:
-    """control(world) -> Control; keeps only its noise state."""
+    """`control(world)` returns a `Control`. noise: probability per tick that a burst of random actions begins."""
 
     def __init__(self, rng: np.random.Generator, noise: float = 0.0) -> None:
         self.rng = rng
@@ -56,7 +56,7 @@ class RuleDriver:
     def _follow(self, world: World) -> Control:
         speed = max(world.ego.speed, 0.0)
         wanted = SPEED_SHARE * self.speed_factor * world.speed_limit_at(world.route_s_m)
-        gap, closing = leader(world, beside_route(world))
+        gap, closing = leader(world, route_window(world))
         acceleration = min(
             idm_acceleration(speed, wanted, gap, closing),
             stopping(speed, stop_line_m(world)),
@@ -66,7 +66,7 @@ class RuleDriver:
 
 
 def conflict_m(world: World) -> float:
-    """Free distance to where the ego's way along the route meets somebody who keeps speed and heading, or inf."""
+    """Distance (m) along the route to the nearest conflict with an actor that keeps speed and heading, or inf."""
     ego = world.ego
     if not len(world.actors):
         return math.inf
@@ -74,7 +74,7 @@ def conflict_m(world: World) -> float:
     delta = world.positions[:-1] - ego.position
     ahead = delta @ (math.cos(ego.heading), math.sin(ego.heading))
     facing = np.cos(world.headings[:-1] - ego.heading)
-    # Who follows is not in the way, and who drives ahead is the leader that IDM keeps its distance to.
+    # Actors behind the ego with its heading are followers, which do not matter.
     watched = (world.speeds[:-1] > 0.3) & (np.abs(delta).max(axis=1) < SIGHT_M) & ((ahead > 0.0) | (facing < 0.7))
     if not watched.any():
         return math.inf

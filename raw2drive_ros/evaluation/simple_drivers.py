@@ -1,4 +1,4 @@
-"""Baselines without foresight that read the simulator: constant speed, and highway-env's IDM and MOBIL as the ego."""
+"""Reactive baselines that read the simulator's state: constant speed, and highway-env's IDM with MOBIL."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from highway_env.vehicle.behavior import IDMVehicle
 
 from raw2drive_ros.contract import Control
-from raw2drive_ros.evaluation.following import beside_route, leader, pedals, pursuit_steer
+from raw2drive_ros.evaluation.following import leader, pedals, pursuit_steer, route_window
 from raw2drive_ros.simulation.actors import PathVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import DECISION_HZ, World
@@ -18,15 +18,16 @@ BEHIND_M = 40.0
 
 
 def constant_speed(world: World) -> Control:
-    """Drives on at `CONSTANT_SPEED_MPS`, whatever is ahead."""
+    """Drive at `CONSTANT_SPEED_MPS` along the route, whatever is ahead."""
     speed = max(world.ego.speed, 0.0)
     return pedals(world, 1.5 * (CONSTANT_SPEED_MPS - speed), pursuit_steer(world))
 
 
 class IdmMobilDriver:
-    """highway-env's IDM with its own parameters, behind whatever is in the ego's corridor, and its MOBIL between
-    the lanes that run the ego's way: off the route's lane for a gain, back to it where nothing is lost. No lights,
-    no signs.
+    """IDM with highway-env's parameters behind the leading actor, and highway-env's MOBIL for lane changes.
+
+    It changes to another lane of the ego's direction for an advantage, and back to the route's lane where that has no
+    disadvantage. It ignores lights and signs.
     """
 
     def __init__(self) -> None:
@@ -43,13 +44,13 @@ class IdmMobilDriver:
         return pedals(world, acceleration, pursuit_steer(world, offset_m=self.offset_m))
 
     def _choose(self, world: World) -> float:
-        """Offset of the lane to be in: MOBIL's incentive and safety criteria (politeness 0, as in highway-env)."""
+        """Offset (m) of the target lane by MOBIL's incentive and safety criteria (politeness 0, as in highway-env)."""
         here = idm(world, self.target_m)
         best, best_gain = self.target_m, IDMVehicle.LANE_CHANGE_MIN_ACC_GAIN
         for target in (self.target_m - LANE_WIDTH_M, self.target_m + LANE_WIDTH_M):
             if not _is_lane(world, target) or not _follower_can_brake(world, target):
                 continue
-            # The route's own lane is worth a little more than any other.
+            # A bonus for lanes closer to the route's own.
             bonus = 2.0 * IDMVehicle.LANE_CHANGE_MIN_ACC_GAIN * (abs(target) < abs(self.target_m))
             gain = idm(world, target) - here + bonus
             if gain > best_gain:
@@ -62,7 +63,7 @@ def idm(world: World, offset_m: float) -> float:
     speed = max(world.ego.speed, 0.0)
     wanted = world.speed_limit_at(world.route_s_m)
     acceleration = IDMVehicle.COMFORT_ACC_MAX * (1.0 - (speed / max(wanted, 0.1)) ** IDMVehicle.DELTA)
-    gap, closing = leader(world, beside_route(world, offset_m))
+    gap, closing = leader(world, route_window(world, offset_m))
     if gap < math.inf:
         comfort = 2.0 * math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
         # highway-env measures distances between centres; the gap here is between bumpers.
@@ -73,7 +74,7 @@ def idm(world: World, offset_m: float) -> float:
 
 
 def _is_lane(world: World, offset_m: float) -> bool:
-    """Is there a lane that runs the ego's way so far left of the route?"""
+    """Whether there is a lane in the ego's direction `offset_m` left of the route."""
     layout = world.scene.layout
     if layout.forward_lanes < 2 or world.scene.route.from_ramp:
         return False
@@ -83,7 +84,7 @@ def _is_lane(world: World, offset_m: float) -> bool:
 
 
 def _follower_can_brake(world: World, offset_m: float) -> bool:
-    """Would the first car behind in that lane brake less than MOBIL's limit, and is nobody beside the ego there?"""
+    """MOBIL's safety criterion: nobody is beside the ego in that lane, and the follower there need not brake hard."""
     nearest = -math.inf
     follower = None
     for actor in world.actors:

@@ -1,7 +1,7 @@
 """Suites: versioned lists of routes in `params/suites/`, and how they are drawn.
 
-A route is a scenario type, a seed and a weather. Evaluation suites use seeds below `VALIDATION_SEED_START`,
-training suites seeds from `TRAIN_SEED_START` on; between them lie the seeds that checkpoints are chosen on.
+A route is a scenario type, a seed and a weather. Evaluation suites use seeds below `VALIDATION_SEED_START`, training
+suites seeds from `TRAIN_SEED_START` on; checkpoints are selected on the seeds between them.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from raw2drive_ros.simulation.weather import WEATHER_NAMES
 from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
 
 VALIDATION_SEED_START = 50_000
-REHEARSAL_S = 20.0
+ROLLOUT_S = 20.0
 CHECK_EVERY_TICKS = 3
 DRAW_LIMIT = 60
 PRACTICE = ('LaneFollowing', 'JunctionTurns', 'LongRoute')
-# Bench2Drive's ten types for quick looks (spec 4.7).
+# Bench2Drive's ten types for quick evaluations (spec 4.7).
 DEV10 = (
     'ParkingExit',
     'ParkingCrossingPedestrian',
@@ -45,6 +45,8 @@ DEV10 = (
 
 @dataclass(frozen=True, slots=True)
 class Suite:
+    """A named, versioned list of routes."""
+
     name: str
     version: str
     routes: tuple[RouteId, ...]
@@ -65,6 +67,7 @@ def benchmark_types() -> tuple[str, ...]:
 
 
 def suite_plans() -> dict[str, SuitePlan]:
+    """Name of each shipped suite -> how it is drawn."""
     types = benchmark_types()
     return {
         'b2d220': SuitePlan(types, 5, 0),
@@ -76,6 +79,7 @@ def suite_plans() -> dict[str, SuitePlan]:
 
 
 def suite_folder() -> Path:
+    """Folder of the shipped suites."""
     return params_folder() / 'suites'
 
 
@@ -102,9 +106,9 @@ def load_suite(name: str) -> Suite:
 def draw_suite(
     plan: SuitePlan, on_route: Callable[[int], None] = lambda done: None
 ) -> tuple[dict[str, list[str]], int]:
-    """('seed/weather' by type, number of rejected draws).
+    """({type: ['seed/weather', ...]}, number of rejected draws). on_route: called with the number of routes so far.
 
-    Raises UnfairScenarioError for a type that is hardly ever fair.
+    Raises UnfairScenarioError for a type of which `DRAW_LIMIT` draws are rejected, see `is_fair`.
     """
     found: dict[str, list[str]] = {}
     rejected = done = 0
@@ -126,17 +130,17 @@ def draw_suite(
 
 
 def weather_of(kind: str, seed: int) -> str:
-    """Weathers follow one another from seed to seed, and begin five further on with every type."""
+    """Name of a route's weather: in order of the presets from seed to seed, offset by five from type to type."""
     number = list(load_scenarios()).index(kind)
     return WEATHER_NAMES[(5 * number + seed) % len(WEATHER_NAMES)]
 
 
 def is_fair(kind: str, seed: int) -> bool:
-    """Does nobody touch the ego at the start, and nobody crash with anybody else before the ego is involved?"""
+    """Whether no actor overlaps the ego at the start, and no actors collide with each other before the ego does."""
     world = World(get_scenario(kind), rng_for(kind, seed))
     if hits(world, margin_m=0.5):
         return False
-    for tick in range(round(REHEARSAL_S * DECISION_HZ)):
+    for tick in range(round(ROLLOUT_S * DECISION_HZ)):
         if tick % CHECK_EVERY_TICKS == 0 and _actors_touch(world):
             return False
         control = follow(world, Plan(0.8))
@@ -148,7 +152,7 @@ def is_fair(kind: str, seed: int) -> bool:
 
 
 def _actors_touch(world: World) -> bool:
-    """Do two actors overlap, at least one of which is not a standing object?"""
+    """Whether two actors overlap, of which at least one is not a standing object."""
     count = len(world.actors)
     if count < 2:
         return False

@@ -40,37 +40,40 @@ from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 from raw2drive_ros.timing import load_timing
 
+# name: (default, description).
+PARAMETERS: dict[str, tuple[Any, str]] = {
+    'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: the next three, then on'),
+    'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
+    'seed': (0, 'seed for ~/reset and for endless driving'),
+    'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
+    'sim_driver': (
+        '',
+        'a driver that reads the simulation and proposes commands in place of a planner',
+    ),
+    'sim_driver_run': ('', 'stage-1 run of sim driver privileged'),
+    'bench2drive_compat': (False, 'efficiency and comfort as Bench2Drive computes them'),
+    'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
+    'image_height': (96, 'camera image height in pixels'),
+    'image_width': (160, 'camera image width in pixels'),
+    'image_transport': ('raw', 'raw images, or compressed ones (JPEG)'),
+    'bev': (True, 'publish privileged BEV masks'),
+    'wait_for_image_subscribers': (1, 'start when every sensor topic has so many subscribers; 0: at once'),
+    'result_file': ('', 'write results as JSON here when all episodes are driven'),
+    'rows_file': ('', 'append a JSON line per finished episode here'),
+    'progress_file': ('', 'append one JSON line per second of simulated time here'),
+    'loop': (False, 'begin the list of episodes again when it is driven'),
+    'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
+}
+
 
 class BridgeNode(Node):
-    """Parameters are described where they are declared; services: ~/reset, ~/pause."""
+    """Parameters: `PARAMETERS`; services: ~/reset, ~/pause."""
 
     def __init__(self) -> None:
         super().__init__('bridge')
         p = declare(
             self,
-            {
-                'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: the next three, then on'),
-                'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
-                'seed': (0, 'seed for ~/reset and for endless driving'),
-                'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
-                'sim_driver': (
-                    '',
-                    'a driver that reads the simulation and proposes commands in place of a planner',
-                ),
-                'sim_driver_run': ('', 'stage-1 run of sim driver privileged'),
-                'bench2drive_compat': (False, 'efficiency and comfort as Bench2Drive computes them'),
-                'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
-                'image_height': (96, 'camera image height in pixels'),
-                'image_width': (160, 'camera image width in pixels'),
-                'image_transport': ('raw', 'raw images, or compressed ones (JPEG)'),
-                'bev': (True, 'publish privileged BEV masks'),
-                'wait_for_image_subscribers': (1, 'start when every sensor topic has so many subscribers; 0: at once'),
-                'result_file': ('', 'write results as JSON here when all episodes are driven'),
-                'rows_file': ('', 'append a JSON line per finished episode here'),
-                'progress_file': ('', 'append one JSON line per second of simulated time here'),
-                'loop': (False, 'begin the list of episodes again when it is driven'),
-                'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
-            },
+            PARAMETERS,
             live={'scenario': get_scenario, 'seed': _whole_number, 'weather': get_weather},
         )
         self.p = p

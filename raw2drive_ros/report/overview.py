@@ -143,10 +143,10 @@ class Overview:
         self._line(ahead, COLOURS['route'], max(3, round(1.6 * self.scale)))
         self.canvas[:] = cv2.addWeighted(self.canvas, 0.75, below, 0.25, 0.0)
         # The way past what blocks the route, where it leaves it.
-        beside = np.abs(world.way_offsets_m) > BESIDE_M
+        beside = np.abs(world.detour_offsets_m) > BESIDE_M
         for first in range(0, len(beside) - DASH_POINTS, 2 * DASH_POINTS):
             if beside[first]:
-                self._line(world.way_points_m[first : first + DASH_POINTS], COLOURS['route'], 2)
+                self._line(world.detour_points_m[first : first + DASH_POINTS], COLOURS['route'], 2)
         self._across(world.goal_s_m, (255, 255, 255))
         self._name('goal', np.array(world.route.pose(world.goal_s_m)[:2]))
 

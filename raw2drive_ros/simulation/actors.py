@@ -1,4 +1,4 @@
-"""Everything else that moves or stands: traffic on paths, walkers, obstacles. highway-env's kinds underneath."""
+"""All actors but the ego: vehicles on paths, pedestrians, obstacles. Built on highway-env's vehicle classes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from raw2drive_ros.simulation.world import World
 
 DOOR_OPENS_IN_S = 0.6
-# Slower targets than this mean: stand until a script says go.
+# A target speed below this means: stand still until a script sets a higher one.
 CREEP_MPS = 0.05
 EGO_HALF_WIDTH_M = 1.0
 SIZE_SPREAD = 0.06
@@ -41,7 +41,7 @@ SIZES_M = {
     'parked_emergency': (5.4, 2.1, 2.2),
     'door': (0.15, 0.95, 1.35),
 }
-# Bodies that a kind comes in: (length, width, height) in metres; kinds that are not here have `SIZES_M`.
+# Car bodies: (length, width, height) in metres. Kinds without a choice of bodies have the size in `SIZES_M`.
 BODIES_M = {
     'sedan': (4.6, 1.85, 1.45),
     'hatchback': (4.0, 1.75, 1.5),
@@ -55,7 +55,7 @@ COLOURS = 14
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What tells one of a kind from another. colour indexes the renderer's palette; scale is of length and width."""
+    """Appearance of one actor. colour: index into the renderer's palette. scale: factor on length and width."""
 
     body: str
     colour: int = 0
@@ -67,17 +67,18 @@ class Look:
         spread = 1.0 + SIZE_SPREAD * (2.0 * float(rng.random()) - 1.0) if kind in CAR_KINDS else 1.0
         return Look(bodies[int(rng.integers(len(bodies)))], int(rng.integers(COLOURS)), spread)
 
-    def put_on(self, actor: Vehicle | Obstacle) -> None:
+    def apply_to(self, actor: Vehicle | Obstacle) -> None:
         length, width, height = BODIES_M.get(self.body) or SIZES_M[self.body]
         actor.body, actor.colour = self.body, self.colour
         actor.LENGTH, actor.WIDTH, actor.HEIGHT = length * self.scale, width * self.scale, height
 
 
 class PathVehicle(Vehicle):
-    """Traffic on a fixed path: IDM towards whatever occupies the path ahead, and to closed stop lines.
+    """A vehicle on a fixed path: IDM behind the leading vehicle or obstacle on it, and before closed stop lines.
 
-    ignores_traffic: sees nobody (a driver who takes the right of way). steered: sets the speed while it lasts.
-    gap_m, closing_mps: free gap to what is first on the path, and how fast it closes; set by the world.
+    ignores_traffic: reacts to nobody (a driver who violates the right of way). waits_at_m: (arc length, is it closed?)
+    of its stop lines. steered: controls the speed instead of IDM, as long as it applies. gap_m, closing_mps: free gap
+    to the leading actor on the path and closing speed; set by `leaders.find_leaders`.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class PathVehicle(Vehicle):
         kind: str = 'car',
         look: Look | None = None,
         scripts: tuple[Script, ...] = (),
+        *,
         ignores_traffic: bool = False,
         waits_at_m: tuple[tuple[float, Callable[[World], bool]], ...] = (),
         lateral_m: float = 0.0,
@@ -103,8 +105,8 @@ class PathVehicle(Vehicle):
         self.s_m = s_m
         self.target_speed = target_speed_mps
         self.kind = kind
-        (look or Look(kind)).put_on(self)
-        # Scripts remember that they fired, so every vehicle needs its own.
+        (look or Look(kind)).apply_to(self)
+        # A script stores whether it has fired, so every vehicle needs copies of its own.
         self.scripts = [copy.copy(script) for script in scripts]
         self.ignores_traffic = ignores_traffic
         self.waits_at_m = waits_at_m
@@ -118,7 +120,7 @@ class PathVehicle(Vehicle):
         self.gone = False
 
     def think(self, world: World) -> None:
-        """Choose an acceleration from the world as it stood before anybody moved."""
+        """Choose an acceleration from the state of the world before any actor moves in this step."""
         forced = None
         for script in self.scripts:
             if script.fired_at_s_m is None and script.fires(world, self):
@@ -167,8 +169,11 @@ class PathVehicle(Vehicle):
 
 
 class Walker(Vehicle):
-    """A pedestrian (or cyclist) who crosses the route from one lateral offset to another, so timed that an ego
-    that keeps its speed meets him: he is at the ego's side `delay_s` before its front gets there."""
+    """A pedestrian (or cyclist) who crosses the route from one lateral offset to another.
+
+    Timed for a conflict with an ego that keeps its speed: `delay_s` before the ego's front bumper gets there, the
+    pedestrian is `EGO_HALF_WIDTH_M` away from the route.
+    """
 
     def __init__(
         self,
@@ -185,7 +190,7 @@ class Walker(Vehicle):
         heading = yaw + math.copysign(math.pi / 2, to_m - from_m)
         super().__init__(None, (x, y), heading, 0.0)
         self.kind = kind
-        (look or Look(kind)).put_on(self)
+        (look or Look(kind)).apply_to(self)
         self.route_s_m = s_m
         self.left_to_walk_m = abs(to_m - from_m)
         self.walk_speed = speed_mps
@@ -207,24 +212,24 @@ class Walker(Vehicle):
 
 
 class StandingObject(Obstacle):
-    """Something solid that never moves: parked cars, barriers, cones."""
+    """A solid object that never moves: parked car, barrier or cone."""
 
     def __init__(self, x_m: float, y_m: float, yaw_rad: float, kind: str, look: Look | None = None) -> None:
         super().__init__(None, (x_m, y_m), yaw_rad, 0.0)
         self.kind = kind
-        (look or Look(kind)).put_on(self)
+        (look or Look(kind)).apply_to(self)
         self.command_acceleration = 0.0
         self.gone = False
 
     def think(self, world: World) -> None:
-        """Nothing to decide."""
+        """Does nothing: the object stands still."""
 
     def step(self, dt: float) -> None:
-        """Nothing moves."""
+        """Does nothing: the object stands still."""
 
 
 class CarDoor(StandingObject):
-    """The door of a parked car: shut (inside the car's outline) until the ego is `trigger_m` away, then open."""
+    """The door of a parked car: closed (inside the car's outline) until the ego is `trigger_m` away, then it opens."""
 
     def __init__(self, route: Path, s_m: float, hinge_m: float, trigger_m: float, look: Look | None = None) -> None:
         self.side = math.copysign(1.0, -hinge_m)
@@ -252,7 +257,7 @@ Actor = PathVehicle | Walker | StandingObject
 
 
 def fork_of(actor: Actor) -> Actor:
-    """An independent copy that shares what never changes (paths, sizes)."""
+    """An independent copy of an actor for `World.fork`; immutable parts (paths, sizes) are shared."""
     if type(actor) is StandingObject:
         return actor
     fork = copy.copy(actor)
@@ -278,7 +283,7 @@ def corners_m(x: float, y: float, yaw: float, length: float, width: float) -> Fl
 
 
 def boxes_overlap(a: Float64, b: Float64) -> bool:
-    """Separating-axis test of two (4, 2) boxes."""
+    """Whether two oriented boxes, (4, 2) corners in order, intersect (separating axis theorem)."""
     for box in (a, b):
         for edge in (box[1] - box[0], box[2] - box[1]):
             axis = np.array((-edge[1], edge[0]))

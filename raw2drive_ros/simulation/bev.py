@@ -1,7 +1,7 @@
-"""BEV masks of a world: 43 binary channels in the ego's frame, heading up (paper, appendix C.1).
+"""BEV masks of a world: 43 binary channels in the ego frame, heading up (paper, appendix C.1).
 
-Static layers are rasterised once per map as bit planes of one image and warped per frame; boxes are
-drawn per frame from world-frame history, so the past is exact and not a warped old picture.
+Static layers are rasterised once per map, as bit planes of one image, and warped for every frame. Actors are drawn for
+every frame from their poses in `map`, past ones included, so past masks are exact rather than warped old masks.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ ROUTE_AHEAD_M = 60.0
 MIN_HALF_EXTENT_M = 0.8
 SHIFT = 4
 
-# Which class a kind of actor is drawn as.
+# Kind of actor -> class of dynamic channel.
 CLASS_OF = {
     'car': 'vehicle',
     'van': 'vehicle',
@@ -49,7 +49,7 @@ CLASS_OF = {
     'cone': 'obstacle',
 }
 CLASS_CHANNEL = {kind: dynamic_channel(name, 0) for kind, name in CLASS_OF.items()}
-# Bit planes of the map image are numbered as the static channels.
+# Bit plane `i` of the map image holds static channel `i`.
 MAP_LAYERS = ('road', 'route_lane', 'centre_line', 'lane_line', 'crosswalk_or_stop_line')
 STATIC_BITS = np.arange(len(STATIC_CHANNELS), dtype=np.uint8)[:, None, None]
 ROUTE, EGO = STATIC_CHANNELS.index('route'), STATIC_CHANNELS.index('ego')
@@ -59,7 +59,7 @@ Mask = NDArray[np.uint8]
 
 
 class BevRenderer:
-    """Draws one world's masks; build a new one per episode."""
+    """Renders the masks of one world; make a new one for every episode."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -89,15 +89,22 @@ class BevRenderer:
                 if kind.startswith('yellow')
                 else 'lane_line'
             )
-            cv2.polylines(planes[plane], [self._to_map(marking.points_m)], False, 1, thickness, shift=SHIFT)
+            cv2.polylines(
+                planes[plane],
+                [self._to_map(marking.points_m)],
+                isClosed=False,
+                color=1,
+                thickness=thickness,
+                shift=SHIFT,
+            )
         route = self._to_map(self.world.route.points_m)
         wide = round(LANE_WIDTH_M * MAP_PIXELS_PER_M)
-        cv2.polylines(planes['route_lane'], [route], False, 1, wide, shift=SHIFT)
+        cv2.polylines(planes['route_lane'], [route], isClosed=False, color=1, thickness=wide, shift=SHIFT)
         for name in MAP_LAYERS:
             self.map |= planes[name] << STATIC_CHANNELS.index(name)
 
     def render(self) -> NDArray[np.bool_]:
-        """(43, 128, 128) bool."""
+        """(43, 128, 128) bool: the masks of the world as it is now."""
         world = self.world
         masks = np.zeros((CHANNEL_COUNT, SIZE_PX, SIZE_PX), np.uint8)
         x, y, yaw = world.ego_history[0]
@@ -108,7 +115,9 @@ class BevRenderer:
         ahead = world.route.window(max(0.0, world.route_s_m - 2.0), ROUTE_AHEAD_M)
         if len(ahead) > 1:
             stroke = round(ROUTE_STROKE_M * PIXELS_PER_M)
-            cv2.polylines(masks[ROUTE], [_fixed(ahead, to_pixels)], False, 1, stroke, shift=SHIFT)
+            cv2.polylines(
+                masks[ROUTE], [_fixed(ahead, to_pixels)], isClosed=False, color=1, thickness=stroke, shift=SHIFT
+            )
         ego = corners_m(x, y, yaw, world.ego.LENGTH, world.ego.WIDTH)
         cv2.fillConvexPoly(masks[EGO], _fixed(ego, to_pixels), 1, shift=SHIFT)
         self._draw_actors(masks, to_pixels)
@@ -118,7 +127,7 @@ class BevRenderer:
         return masks.view(np.bool_)
 
     def _warp_map(self, x: float, y: float, yaw: float) -> Mask:
-        """The map's bit planes in the ego's frame, nearest neighbour (bits must not mix)."""
+        """The map's bit planes in the ego frame; nearest neighbour, because bit planes cannot be interpolated."""
         cos, sin = math.cos(yaw), math.sin(yaw)
         # Inverse map: pixel (column, row) of the mask -> pixel of the map image.
         scale = MAP_PIXELS_PER_M / PIXELS_PER_M
@@ -137,7 +146,7 @@ class BevRenderer:
         return warped
 
     def _draw_actors(self, masks: Mask, to_pixels: Float64) -> None:
-        """The boxes of all moments at once."""
+        """Boxes of the actors at all `HISTORY_TICKS`, transformed in one pass."""
         world = self.world
         channels: list[int] = []
         sizes: list[tuple[float, float]] = []
@@ -166,7 +175,7 @@ class BevRenderer:
             cv2.fillConvexPoly(masks[channels[index]], fixed[index], 1, cv2.LINE_8, SHIFT)
 
     def _draw_signals(self, masks: Mask, moment: int, age: int, to_pixels: Float64) -> None:
-        """Lights and stop signs as bars across the ego's lane at their line."""
+        """Traffic lights and stop signs as bars across the ego's lane at their stop line."""
         world = self.world
         colours = world.light_history[age]
         for light, colour in zip(world.lights, colours, strict=True):

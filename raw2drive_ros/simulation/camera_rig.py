@@ -1,4 +1,4 @@
-"""The six-camera rig: Bench2Drive's mounting geometry, in REP-103 axes."""
+"""The rig of six cameras: Bench2Drive's mounting poses, in REP-103 axes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def yaw_matrix(yaw_rad: float) -> Float64:
 def moved(
     camera: CameraCalibration, turn_rad: tuple[float, float, float], shift_m: tuple[float, float, float]
 ) -> CameraCalibration:
-    """The camera turned by a rotation vector about its own centre, and shifted; both in base_link's axes."""
+    """The camera rotated about its own centre by a rotation vector, then shifted; both in the axes of `base_link`."""
     base_from_camera = camera.base_from_camera.copy()
     base_from_camera[:3, :3] = cv2.Rodrigues(np.array(turn_rad))[0] @ base_from_camera[:3, :3]
     base_from_camera[:3, 3] += shift_m

@@ -1,4 +1,4 @@
-"""Several scenes one after another on one road: each one's traffic comes to life when the ego gets there."""
+"""Chains scenes into one long road; the traffic of each scene starts when the ego reaches it."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 from raw2drive_ros.errors import LayoutError
 from raw2drive_ros.simulation.layout import Junction, RoadLayout
-from raw2drive_ros.simulation.roads import build_road
+from raw2drive_ros.simulation.road_builder import build_road
 from raw2drive_ros.simulation.scenario import ActorSpec, Rng, Scene, TrafficSpec
 from raw2drive_ros.simulation.scripts import Script
 
-TRIES = 40
+DRAWS_PER_LINK = 40
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A scene and the lengths of its own road, along the ego's lane and along the oncoming one."""
+    """A scene with the length of its road, along the ego's lane and along the oncoming lane."""
 
     scene: Scene
     forward_m: float
@@ -24,21 +24,21 @@ class Link:
 
 
 def is_chainable(scene: Scene) -> bool:
-    """One lane each way, and a route that begins in its lane at the road's start."""
+    """Whether a scene can be part of a chain: one lane each way, and a route along its own lane from start to end."""
     layout, route = scene.layout, scene.route
     plain = route.lane == 0 and not route.changes and not route.from_ramp and not route.to_exit
     return plain and layout.forward_lanes == layout.backward_lanes == 1
 
 
 def draw_chain(rng: Rng, draws: Sequence[Callable[[Rng], Scene]], length_m: float) -> Scene:
-    """Scenes drawn by `draws` in random order, no kind twice in a row, until the road is `length_m` long.
+    """Scenes drawn by `draws` in random order, none of them twice in a row, until the road is `length_m` long.
 
-    Raises LayoutError when the road cannot be laid without crossing itself.
+    Raises LayoutError when the road cannot be continued without crossing itself.
     """
     links: list[Link] = []
     last = -1
     while sum(link.forward_m for link in links) < length_m:
-        for _ in range(TRIES):
+        for _ in range(DRAWS_PER_LINK):
             index = int(rng.integers(len(draws)))
             scene = draws[index](rng)
             if index == last:
@@ -57,21 +57,21 @@ def draw_chain(rng: Rng, draws: Sequence[Callable[[Rng], Scene]], length_m: floa
 
 
 def joined(links: Sequence[Link]) -> Scene:
-    """One scene of all: stations, junction numbers and triggers are moved to where each scene begins."""
+    """All links as one scene: arc lengths, junction numbers and triggers are shifted to where each link begins."""
     found = Scene(_layout([link.scene for link in links]), replace(links[0].scene.route, detour=()))
     begin, after, junctions = 0.0, sum(link.backward_m for link in links), 0
     zebras: list[float] = []
     for link in links:
         after -= link.backward_m
         scene = link.scene
-        move = _Move(begin, after, junctions, link)
+        shift = _Shift(begin, after, junctions, link)
         found = replace(
             found,
             route=replace(
                 found.route,
                 detour=found.route.detour + tuple(replace(c, s_m=c.s_m + begin) for c in scene.route.detour),
             ),
-            actors=found.actors + tuple(move.actor(spec) for spec in scene.actors),
+            actors=found.actors + tuple(shift.actor(spec) for spec in scene.actors),
             lights=found.lights + tuple(replace(x, junction=x.junction + junctions) for x in scene.lights),
             stop_signs=found.stop_signs + tuple(replace(x, junction=x.junction + junctions) for x in scene.stop_signs),
             disturbances=found.disturbances + tuple(replace(x, s_m=x.s_m + begin) for x in scene.disturbances),
@@ -83,7 +83,7 @@ def joined(links: Sequence[Link]) -> Scene:
 
 
 def _layout(scenes: Sequence[Scene]) -> RoadLayout:
-    """The road alone; zebra crossings need the lengths that `joined` knows."""
+    """The road alone, without zebra crossings: their arc lengths depend on where each link begins."""
     layouts = [scene.layout for scene in scenes]
     return RoadLayout(
         tuple(piece for layout in layouts for piece in layout.pieces),
@@ -95,7 +95,10 @@ def _layout(scenes: Sequence[Scene]) -> RoadLayout:
 
 
 @dataclass(frozen=True, slots=True)
-class _Move:
+class _Shift:
+    """Shifts the actors of a link: where it begins on the forward chain, how much of the backward chain and how many
+    junctions come before it."""
+
     begin_m: float
     after_m: float
     junctions: int
@@ -104,7 +107,7 @@ class _Move:
     def actor(self, spec: ActorSpec) -> ActorSpec:
         if not isinstance(spec, TrafficSpec):
             return replace(spec, s_m=spec.s_m + self.begin_m)
-        # Paths over a junction begin at the end of an arm, wherever the junction is.
+        # A path across a junction begins at the far end of an arm, so it does not depend on where the link begins.
         shift, ends = 0.0, spec.ends_at_s_m
         if spec.on == 'forward':
             shift, ends = self.begin_m, self.begin_m + self.link.forward_m

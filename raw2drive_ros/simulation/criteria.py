@@ -19,9 +19,9 @@ DEVIATION_LIMIT_M = 30.0
 LANE_TOLERANCE_M = 0.5
 ROUTE_END_M = 10.0
 BEYOND_JUNCTION_M = 8.0
-# Progress counts only this near to the route: who drives past it on the grass has not driven it.
+# Progress counts only this close to the route, so that driving beside the road earns no route completion.
 PROGRESS_WITHIN_M = 5.0
-# Bench2Drive compares the ego's speed with the traffic's at so many checkpoints of a route.
+# Number of checkpoints of a route at which Bench2Drive compares the speeds of ego and traffic.
 SPEED_CHECKPOINTS = 20
 TRAFFIC_WITHIN_M = 50.0
 STANDING_TRAFFIC_MPS = 0.5
@@ -29,7 +29,7 @@ STANDING_TRAFFIC_MPS = 0.5
 
 @dataclass(slots=True)
 class Criteria:
-    """Watches a world; `step` returns the names of infractions that began in this decision step."""
+    """Observes a world; `step` returns the names of the infractions that began in this decision step."""
 
     events: dict[str, int] = field(default_factory=dict)
     failure: str = ''
@@ -58,7 +58,7 @@ class Criteria:
         self.travelled_m += moved
         if not on_road(world):
             self.outside_m += moved
-        if beside_route_m(world) < PROGRESS_WITHIN_M:
+        if route_deviation_m(world) < PROGRESS_WITHIN_M:
             self.best_s_m = max(self.best_s_m, world.route_s_m)
         self._compare_speeds(world)
         self.last_front_s_m = world.front_s_m
@@ -72,18 +72,18 @@ class Criteria:
         return happened
 
     def finished(self, world: World) -> bool:
-        """Has the ego reached the goal?"""
+        """Whether the ego has reached the goal."""
         return world.goal_s_m - self.best_s_m < ROUTE_END_M
 
     def route_completion(self, world: World) -> float:
-        """Percent of the route driven; within `ROUTE_END_M` of the goal counts as all of it."""
+        """Percentage of the route that was driven; 100 within `ROUTE_END_M` of the goal."""
         assert self.start_s_m is not None
         if world.goal_s_m - self.best_s_m < ROUTE_END_M:
             return 100.0
         return 100.0 * max(0.0, self.best_s_m - self.start_s_m) / (world.goal_s_m - self.start_s_m)
 
     def traffic_speed_percents(self) -> list[float]:
-        """The ego's mean speed in percent of the traffic's, for every checkpoint's stretch with moving traffic."""
+        """Mean speed of the ego as a percentage of the traffic's, per section of the route that had moving traffic."""
         found = []
         for samples in self.speeds.values():
             ego, traffic = (sum(column) / len(samples) for column in zip(*samples, strict=True))
@@ -102,7 +102,7 @@ class Criteria:
         stretch.append((abs(world.ego.speed), float(world.speeds[cars].mean())))
 
     def obeyed_signs_at_first_junction(self, world: World) -> bool:
-        """Did the ego get through the route's first junction without running a light or a stop sign?"""
+        """Whether the ego passed the first junction of the route without running a red light or a stop sign."""
         junctions = world.road.junctions
         if not junctions or {'red_light', 'stop_sign'} & set(self.events):
             return False
@@ -153,16 +153,16 @@ class Criteria:
         return found
 
 
-def beside_route_m(world: World) -> float:
-    """How far the ego's centre is from the route, or from the stretch beside it that leads past an obstacle."""
+def route_deviation_m(world: World) -> float:
+    """Distance (m) of the ego's centre from the route; 0 between the route and a detour around an obstacle."""
     right, left = world.lateral_range_m(world.route_s_m)
     return max(0.0, right - world.route_lateral_m, world.route_lateral_m - left)
 
 
 def on_road(world: World) -> bool:
-    """Is the ego within its side of the road (half a lane plus tolerance of the route, or any forward lane), or
-    where it may be to get past an obstacle?"""
-    if beside_route_m(world) < LANE_WIDTH_M / 2 + LANE_TOLERANCE_M:
+    """Whether the ego is where it may drive: within half a lane plus tolerance of the route or of a detour around an
+    obstacle, or in any forward lane."""
+    if route_deviation_m(world) < LANE_WIDTH_M / 2 + LANE_TOLERANCE_M:
         return True
     lanes = world.scene.layout.forward_lanes
     if lanes == 1 and not world.scene.route.from_ramp:
@@ -175,7 +175,7 @@ def on_road(world: World) -> bool:
 
 
 def time_limit_s(world: World) -> float:
-    """The scene's own limit, or 30 s plus three times the route at its speed limit."""
+    """The scene's own time limit, or 30 s plus three times the time that the route takes at the speed limit."""
     if world.scene.time_limit_s is not None:
         return world.scene.time_limit_s
     return 30.0 + 3.0 * world.route.length_m / world.scene.layout.speed_limit_mps

@@ -1,7 +1,7 @@
-"""The ego vehicle: throttle, brake, steer and reverse through first-order actuators on a kinematic bicycle.
+"""The ego vehicle: a kinematic bicycle with first-order actuators for throttle, brake and steering, and a reverse gear.
 
-`base_link` is the vehicle's centre on the ground. highway-env's own vehicle takes one acceleration and
-brakes into reverse; this one stands still at the end of braking, as cars do.
+`base_link` is the vehicle's centre on the ground. highway-env's own vehicle takes a single acceleration and starts to
+reverse when it brakes for too long; this one stops at zero speed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ IMU_X_M = -1.4
 
 @dataclass(frozen=True, slots=True)
 class EgoParameters:
-    """A mid-size electric car."""
+    """Parameters of a mid-size electric car; steering angles are those of the front wheels."""
 
     wheelbase_m: float = 2.9
     max_steer_rad: float = 0.6
@@ -54,7 +54,7 @@ class EgoVehicle(Vehicle):
         self.acceleration_body = (0.0, 0.0)
 
     def act(self, action: dict[str, float] | str | None = None) -> None:
-        """Nothing: commands arrive through `command`."""
+        """Does nothing: commands arrive through `command`."""
 
     def step(self, dt: float) -> None:
         p, command = self.parameters, self.command
@@ -85,7 +85,7 @@ class EgoVehicle(Vehicle):
         )
 
     def _next_speed(self, dt: float) -> float:
-        """Drive force up to a power limit, then brake and drag, neither of which can reverse the motion."""
+        """Speed after `dt`: drive force up to the power limit, then brake and drag, which cannot reverse the motion."""
         p, v = self.parameters, self.speed
         drive = min(p.drive_acceleration_mps2, p.drive_power_mps3 / max(abs(v), 1e-6)) * self.throttle * self.grip
         if self.command.reverse:
@@ -100,11 +100,11 @@ class EgoVehicle(Vehicle):
 
     @property
     def beta_rad(self) -> float:
-        """Slip angle at the centre."""
+        """Sideslip angle at the vehicle's centre."""
         return math.atan(0.5 * math.tan(self.steer * self.parameters.max_steer_rad))
 
     def imu(self, stamp_ns: int, noise: tuple[float, ...] = (0.0,) * 6) -> ImuSample:
-        """Specific force and rate at the IMU, `IMU_X_M` behind the centre, lever arm included (REP-145)."""
+        """Specific force and angular rate at the IMU, at `IMU_X_M` in `base_link`, lever arm included (REP-145)."""
         ax, ay = self.acceleration_body
         rate = self.yaw_rate
         return ImuSample(

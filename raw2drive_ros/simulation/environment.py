@@ -1,7 +1,7 @@
 """The driving environment: one highway-env `AbstractEnv` for every scenario type.
 
-10 Hz decisions, 20 Hz physics. `step` takes a `Control` and returns a `Tick`: what the bridge
-publishes, what the collector writes, and what the evaluator shows to a driver are the same object.
+10 Hz decisions, 20 Hz physics. `step` takes a `Control` and returns a `Tick`: the bridge publishes this object, the
+collector writes it, and the evaluator passes it to the driver.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ CLOCK_START_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class SimulationConfig:
-    """image_size: (height, width). supersampling: 1 or 2. imu_noise: standard deviations of
-    accelerometer (m/s2) and gyroscope (rad/s). end_on_infraction: training stops at the first red
-    light, stop sign or collision (paper); evaluation goes on after signs, as Bench2Drive does.
-    vary: every episode has its own camera, mounting, paint and sun (`variation.Variation`); repetitions of a
-    route have them anyway.
+    """image_size: (height, width). supersampling: 1 or 2. imu_noise: standard deviations of accelerometer (m/s2) and
+    gyroscope (rad/s). end_on_infraction: end the episode at the first collision, red light or stop sign that was run,
+    as the paper does for training; otherwise the drive goes on after lights and signs, as in Bench2Drive. vary: draw
+    exposure, camera mounting, ground colours and sun anew for every episode (`variation.Variation`); repetitions of a
+    route always do.
     """
 
     image_size: tuple[int, int] = (96, 160)
@@ -60,7 +60,7 @@ class SimulationConfig:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Everything of one decision tick. Samples hold every physics step since the last tick, oldest first."""
+    """All data of one decision tick. The samples cover every physics step since the last tick, oldest first."""
 
     stamp_ns: int
     sensors: SensorFrame
@@ -73,7 +73,7 @@ class Tick:
 
 
 class DrivingEnv(AbstractEnv):
-    """reset(seed, options={'scenario': name}), or reset_to(route), and step(control), all giving a `Tick`.
+    """`reset(seed=..., options={'scenario': name})` or `reset_to(route)`, then `step(control)`; each returns a `Tick`.
 
     motion: longitudinal and lateral acceleration (m/s2) and yaw rate (rad/s) of every physics step of the episode.
     """
@@ -93,16 +93,18 @@ class DrivingEnv(AbstractEnv):
         self.define_spaces()
 
     def define_spaces(self) -> None:
-        """throttle, brake, steer, reverse; observations are `Tick` objects, not arrays."""
+        """Actions: throttle, brake, steer, reverse. Observations are `Tick` objects, not arrays."""
         self.action_space = gym.spaces.Box(np.array([0, 0, -1, 0], np.float32), np.array([1, 1, 1, 1], np.float32))
         self.observation_space = gym.spaces.Dict({})
 
     def reset(  # type: ignore[override]
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Tick, dict[str, Any]]:
-        """Start scenario `options['scenario']` (default LaneFollowing) with `seed` (default 0).
+        """Start scenario `options['scenario']` (default: LaneFollowing) with `seed` (default: 0).
 
-        options may also name the `weather` and the `repetition`, see `RouteId`. Raises UnknownWeatherError.
+        options may also hold `weather` and `repetition`, see `RouteId`.
+
+        Raises UnknownScenarioError, UnknownWeatherError.
         """
         chosen = options or {}
         name = chosen.get('scenario', 'LaneFollowing')
@@ -127,19 +129,19 @@ class DrivingEnv(AbstractEnv):
         self.reward_sum = 0.0
         self.motion: list[tuple[float, float, float]] = []
         imu, odometry = self._sample(self.clock_ns)
-        first = Transition(self.clock_ns, -1, 0.0, {}, True, False, False)
+        first = Transition(self.clock_ns, -1, 0.0, {}, is_first=True, is_terminal=False, is_last=False)
         tick = self._tick((imu,), (odometry,), first, {})
         return tick, tick.info
 
     def reset_to(self, route: RouteId) -> tuple[Tick, dict[str, Any]]:
-        """Start a route. Raises UnknownScenarioError or UnknownWeatherError."""
+        """Start a route. Raises UnknownScenarioError, UnknownWeatherError."""
         options = {'scenario': route.type, 'weather': route.weather, 'repetition': route.repetition}
         return self.reset(seed=route.seed, options=options)
 
     def step(  # type: ignore[override]
         self, action: Control
     ) -> tuple[Tick, float, bool, bool, dict[str, Any]]:
-        """One decision: two physics steps, reward, criteria. Raises after the episode's end."""
+        """One decision: two physics steps, then criteria and reward. Raises RuntimeError once the episode is over."""
         if self.world is None or self.done:
             raise RuntimeError('DrivingEnv.step: the episode is over; call reset')
         control = action.validate()
@@ -161,9 +163,9 @@ class DrivingEnv(AbstractEnv):
             nearest_action(control),
             outcome.reward,
             outcome.terms,
-            False,
-            terminated,
-            self.done,
+            is_first=False,
+            is_terminal=terminated,
+            is_last=self.done,
         )
         info = {
             'infractions': happened,
@@ -175,7 +177,7 @@ class DrivingEnv(AbstractEnv):
         return tick, outcome.reward, terminated, truncated, info
 
     def _new_pictures(self, world: World) -> None:
-        """Weather and variation decide on the images alone, with a generator of their own."""
+        """Prepare the renderer. Weather and variation have a generator of their own, so physics do not change."""
         rng = picture_rng(self.route_id)
         varies = self.simulation.vary or self.route_id.repetition > 0
         variation = Variation.draw(rng, len(self.rig)) if varies else NO_VARIATION

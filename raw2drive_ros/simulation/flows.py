@@ -1,12 +1,12 @@
-"""Streams of traffic as arrival times at a place: tight groups that nobody fits into, and gaps worth waiting for."""
+"""Traffic flows, given by arrival times at a point: dense platoons without usable gaps, and gaps between them."""
 
 from __future__ import annotations
 
 from raw2drive_ros.simulation.scenario import Rng, TrafficSpec
 
-# Where a vehicle that is not on the road yet drives in.
+# Arc length at which a vehicle enters its path.
 ENTRY_S_M = 1.0
-# IDM settles below its target in a dense stream; this share keeps streams near the speed that they are drawn with.
+# In dense traffic IDM settles below its target speed; this factor keeps a flow near the speed it was drawn with.
 IDM_SLACK = 1.12
 TIGHT_GAP_S = 0.4
 
@@ -20,7 +20,8 @@ def group_times(
     later_s: float = 5.0,
     groups: int = 2,
 ) -> list[float]:
-    """Arrival times: a group from `first_s` to `until_s`, then `groups - 1` more of `later_s` seconds, gaps between."""
+    """Arrival times (s): a platoon from `first_s` to `until_s`, then `groups - 1` more, each `later_s` long, with gaps
+    of `gap_s` between them."""
     times, now, end = [], first_s, until_s
     for _ in range(groups):
         while now < end:
@@ -39,12 +40,13 @@ def arriving(
     lane: int = 0,
     kind: str = 'car',
     clear_m: tuple[float, float] = (0.0, 0.0),
+    *,
     has_priority: bool = True,
     obeys_light: bool = False,
 ) -> tuple[TrafficSpec, ...]:
-    """Vehicles that reach `place_s_m` of their path at those times; those not on the road yet drive in later.
+    """Vehicles that reach arc length `place_s_m` of their path at `times_s`; those that are not on it yet enter later.
 
-    clear_m: nobody starts between these arc lengths (where the ego does).
+    clear_m: no vehicle starts between these arc lengths, where the ego starts.
     """
     cars = []
     for time_s in times_s:

@@ -1,4 +1,4 @@
-"""The painted ground as an image pyramid, and its projection into all cameras at once, in any light."""
+"""The ground with its markings as an image pyramid, and its projection into all cameras in any weather."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from raw2drive_ros.simulation.weather import CLEAR, WEATHERS, Weather
 PIXELS_PER_M = 8.0
 LEVELS = 4
 FAR_M = 110.0
-# How far away what lies beyond counts as.
+# Distance assumed for everything beyond `FAR_M`.
 HORIZON_M = 165.0
 GRASS, SIDEWALK, ASPHALT = (86, 110, 62), (150, 148, 142), (72, 72, 76)
 PAINT = {'white': (235, 235, 235), 'yellow': (230, 190, 60), 'stop': (240, 240, 240), 'zebra': (240, 240, 240)}
@@ -26,7 +26,7 @@ LINE_WIDTH_M = {'white': 0.18, 'yellow': 0.18, 'stop': 0.5}
 DASH_M, GAP_M = 3.0, 3.0
 SHIFT = 4
 SPECKLE_PX = 256
-# What a soaked road loses in brightness, and mirrors of the sky at a grazing angle.
+# Share of brightness that wet asphalt and wet soil lose, and share of the sky reflected at a grazing angle.
 WET_ASPHALT, WET_SOIL, WET_MIRROR = 0.4, 0.15, 0.45
 
 Rgb = NDArray[np.uint8]
@@ -35,8 +35,8 @@ Rgb = NDArray[np.uint8]
 @dataclass(frozen=True, slots=True)
 class PaintedGround:
     """pyramid: RGBX textures, each half as wide as the one before; rows grow with y (the fourth channel is unused:
-    OpenCV remaps four in half the time of three). origin_m: (2,) `map` position of pixel (0, 0). beyond: RGB of
-    what is around the texture."""
+    OpenCV remaps four channels in half the time of three). origin_m: (2,) `map` position of pixel (0, 0). beyond: (3,)
+    RGB outside the texture."""
 
     pyramid: list[Rgb]
     origin_m: Float64
@@ -46,7 +46,7 @@ class PaintedGround:
 def paint_ground(
     road: RoadMap, weather: Weather = WEATHERS[CLEAR], variation: Variation = NO_VARIATION
 ) -> PaintedGround:
-    """The ground as it is where the light is brightest: by day everywhere, at night before the head lights."""
+    """The ground where the light is brightest: everywhere by day, in the beam of the headlights at night."""
     points = np.concatenate(road.sidewalks_m + road.surfaces_m)
     origin = points.min(axis=0) - 6.0
     size = np.ceil((points.max(axis=0) + 6.0 - origin) * PIXELS_PER_M).astype(int)
@@ -75,7 +75,15 @@ def paint_ground(
         if marking.kind.endswith('_dashed'):
             lines = _dashes(marking.points_m)
         for line in lines:
-            cv2.polylines(texture, [pixels(line)], False, paint(kind), width, cv2.LINE_AA, SHIFT)
+            cv2.polylines(
+                texture,
+                [pixels(line)],
+                isClosed=False,
+                color=paint(kind),
+                thickness=width,
+                lineType=cv2.LINE_AA,
+                shift=SHIFT,
+            )
     speckle = _speckle()
     rows, columns = texture.shape[:2]
     for top in range(0, rows, SPECKLE_PX):
@@ -83,26 +91,26 @@ def paint_ground(
             tile = texture[top : top + SPECKLE_PX, left : left + SPECKLE_PX]
             np.add(tile, speckle[: tile.shape[0], : tile.shape[1]], out=tile)
     light = brightest(weather)
-    if not variation.is_plain_film or (light != 1.0).any():
-        table = variation.developed(np.arange(256.0)[:, None] * light)
+    if not variation.tone_curve_is_identity or (light != 1.0).any():
+        table = variation.tone_mapped(np.arange(256.0)[:, None] * light)
         texture = cv2.LUT(texture, np.round(table)[:, None].astype(np.uint8))
     pyramid = [cv2.cvtColor(texture, cv2.COLOR_RGB2RGBA)]
     for _ in range(LEVELS - 1):
         last = pyramid[-1]
         half = (max(1, last.shape[1] // 2), max(1, last.shape[0] // 2))
         pyramid.append(cv2.resize(last, half, interpolation=cv2.INTER_AREA))
-    return PaintedGround(pyramid, origin, variation.developed(grass * light))
+    return PaintedGround(pyramid, origin, variation.tone_mapped(grass * light))
 
 
 @cache
 def _speckle() -> Rgb:
-    """A fixed speckle gives the asphalt something to flow; deterministic, and tiled to save time."""
+    """Fixed noise that gives uniform surfaces some texture (optical flow); one tile, repeated to save time."""
     grey = np.random.default_rng(0).integers(0, 13, (SPECKLE_PX, SPECKLE_PX, 1), dtype=np.uint8)
     return np.repeat(grey, 3, axis=2)
 
 
 def ground_colours(weather: Weather, variation: Variation) -> tuple[Float64, Float64, Float64]:
-    """RGB of grass, sidewalk and asphalt in full light."""
+    """RGB (3,) of grass, sidewalk and asphalt in full light."""
     soil = 1.0 - WET_SOIL * weather.wet
     return (
         np.array(GRASS) * variation.grass * soil,
@@ -115,24 +123,24 @@ def far_ground(weather: Weather, variation: Variation) -> Float64:
     """(3,) RGB of the ground between `FAR_M` and the horizon."""
     grass, _, _ = ground_colours(weather, variation)
     clear = math.exp(-HORIZON_M / weather.fog_m) * (1.0 - WET_MIRROR * weather.wet)
-    own = variation.developed(grass * weather.light * weather.tint())
-    return own * clear + variation.developed(np.array(weather.sky_horizon)) * (1.0 - clear)
+    own = variation.tone_mapped(grass * weather.light * weather.tint())
+    return own * clear + variation.tone_mapped(np.array(weather.sky_horizon)) * (1.0 - clear)
 
 
 def brightest(weather: Weather) -> Float64:
-    """(3,) RGB gain where the light is brightest."""
+    """(3,) RGB gain where the light is brightest, see `paint_ground`."""
     return (weather.light + weather.headlights) * weather.tint()
 
 
 def _dashes(points_m: Float64) -> list[Float64]:
-    """Cut a 1 m polyline into dashes and gaps."""
+    """The dashes of a polyline whose points are 1 m apart."""
     period, dash = int(DASH_M + GAP_M), int(DASH_M)
     return [points_m[i : i + dash + 1] for i in range(0, len(points_m) - 1, period)]
 
 
 @dataclass(slots=True)
 class _Band:
-    """Rows of one camera that read the same pyramid level."""
+    """Rows of one camera that sample the same pyramid level."""
 
     camera: int
     first_row: int
@@ -141,7 +149,7 @@ class _Band:
 
 
 class GroundProjector:
-    """Where each pixel of a rig sees the ground, in the ego frame; fixed for a fixed calibration."""
+    """The ground point that each pixel of a rig sees, in the ego frame; computed once per calibration."""
 
     def __init__(self, cameras: tuple[CameraCalibration, ...], scale: int) -> None:
         self.cameras = cameras
@@ -154,7 +162,7 @@ class GroundProjector:
             if not len(ego_xy):
                 continue
             wanted = np.clip(np.floor(np.log2(np.maximum(footprint * PIXELS_PER_M, 1.0))), 0, LEVELS - 1)
-            # Footprints shrink downwards, so each level is one contiguous band of rows.
+            # Footprints shrink from the horizon downwards, so each level is one contiguous band of rows.
             level_of_row = np.minimum.accumulate(wanted).astype(int)
             for level in range(LEVELS):
                 rows = np.flatnonzero(level_of_row == level)
@@ -163,18 +171,18 @@ class GroundProjector:
                     self.bands.append(_Band(index, first + start, first + end, level))
                     maps[level].append(ego_xy[start:end])
         self.maps = {level: np.concatenate(parts) for level, parts in maps.items() if parts}
-        # Written anew for every frame; allocating them each time costs as much as the projection.
+        # Buffers, overwritten in every frame: allocating them each time costs as much as the projection.
         self._where = {level: np.empty_like(ego_xy) for level, ego_xy in self.maps.items()}
         self._colours = {level: np.empty((*m.shape[:2], 4), np.uint8) for level, m in self.maps.items()}
         self._gains: dict[int, Rgb] = {}
         self._veils: dict[int, Rgb] = {}
 
     def light(self, weather: Weather, variation: Variation) -> None:
-        """Set per pixel what fog, a wet road and the head lights do to the colours of `paint_ground`."""
+        """Set the effect of fog, wet road and headlights on the colours of `paint_ground`, per pixel."""
         self._gains, self._veils = {}, {}
         if np.isinf(weather.fog_m) and not weather.wet and not weather.headlights:
             return
-        air = variation.developed(np.array(weather.sky_horizon))
+        air = variation.tone_mapped(np.array(weather.sky_horizon))
         for level, ego_xy in self.maps.items():
             reach, height = self._reach_m(level, ego_xy)
             clear = np.exp(-reach / weather.fog_m)
@@ -241,7 +249,7 @@ def _ground_rays(camera: CameraCalibration, scale: int) -> tuple[NDArray[np.floa
         return optical @ camera.base_from_camera[:3, :3].T
 
     u, v = np.arange(width) + 0.5, np.arange(height) + 0.5
-    # Rays fall most at either end of a row.
+    # The rays at either end of a row point downwards most.
     below = (-rays(u[[0, -1]], v)[..., 2] > 1e-6).any(axis=1)
     horizon = int(np.argmax(below)) if below.any() else height
     seen = rays(u, v[horizon:])

@@ -1,4 +1,4 @@
-"""One lane class for straights and arcs, in plain `math`: highway-env's own spend most of a step in numpy scalars."""
+"""One lane class for straights and arcs, in plain `math`: highway-env's own lanes spend their time on numpy scalars."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a scenario declares its roads: a chain of pieces laid one after another, like model railway track."""
+"""How a scenario declares its road: a chain of straights, curves and junctions, laid end to end."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ CORNER_RADIUS_M = 7.0
 
 @dataclass(frozen=True, slots=True)
 class Straight:
-    """A straight piece. `ramp` adds an acceleration lane on the right with a ramp that leads into it; `exit` a
-    deceleration lane on the right with a ramp that leads away."""
+    """A straight piece. ramp: with an acceleration lane on the right, fed by an on-ramp. exit: with a deceleration
+    lane on the right that leads to an off-ramp."""
 
     length_m: float
     ramp: bool = False
@@ -30,7 +30,10 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Junction:
-    """A junction that the chain leaves by `turn`; `arms` lists every arm but the one it comes from."""
+    """A junction that the chain leaves by `turn`.
+
+    arms: all arms but the one that the chain enters by. control: none, light, stop or yield.
+    """
 
     turn: str = 'ahead'
     arms: tuple[str, ...] = ('left', 'right', 'ahead')
@@ -45,7 +48,7 @@ class Junction:
 
 
 def turn_length_m(turn: str, lanes: int = 1, lane: int = 0) -> float:
-    """Length of a lane through a junction of roads with `lanes` lanes each way."""
+    """Length (m) of lane `lane` through a junction of roads with `lanes` lanes each way."""
     half, offset = lanes * LANE_WIDTH_M + CORNER_RADIUS_M, (lane + 0.5) * LANE_WIDTH_M
     if turn == 'ahead':
         return 2.0 * half
@@ -57,7 +60,10 @@ Piece = Straight | Curve | Junction
 
 @dataclass(frozen=True, slots=True)
 class RoadLayout:
-    """Cross-section and pieces. Lane 0 is the one next to the centre line; ids grow to the right."""
+    """Cross-section and pieces. Lane 0 is the lane next to the centre line; numbers increase to the right.
+
+    zebras_m: arc lengths of zebra crossings along the forward chain.
+    """
 
     pieces: tuple[Piece, ...]
     forward_lanes: int = 1

@@ -1,4 +1,4 @@
-"""Arc-length parametrised polylines: what the ego's route and all traffic follow."""
+"""Polylines parametrised by arc length: the ego's route and the paths of all traffic."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SPACING_M = 0.5
 class Path:
     """A polyline in `map`, resampled to equal steps of `SPACING_M`.
 
-    points_m: (N, 2). headings_rad: (N,), unwrapped, so that interpolation is safe.
+    points_m: (N, 2). headings_rad: (N,), unwrapped, so they can be interpolated.
     Lateral offsets are positive to the left.
     """
 
@@ -30,13 +30,13 @@ class Path:
         tangents = np.gradient(self.points_m, axis=0)
         self.headings_rad: Float64 = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
         self.length_m = float(wanted[-1])
-        # Python floats: scalar look-ups are the simulator's hottest leaf, and lists beat arrays there.
+        # Lists of Python floats: scalar look-ups are the simulator's hottest code, and lists are faster there.
         self._x = self.points_m[:, 0].tolist()
         self._y = self.points_m[:, 1].tolist()
         self._heading = self.headings_rad.tolist()
 
     def pose(self, s_m: float, lateral_m: float = 0.0) -> tuple[float, float, float]:
-        """(x, y, yaw) at arc length `s_m`; straight extrapolation beyond both ends."""
+        """(x, y, yaw) at arc length `s_m`; extrapolated straight beyond both ends."""
         last = len(self._x) - 2
         index = min(max(int(s_m / SPACING_M), 0), last)
         part = s_m / SPACING_M - index
@@ -53,7 +53,7 @@ class Path:
         if hint_s_m is None:
             first, last = 0, len(self._x)
         else:
-            # Who has left the path beyond one of its ends carries a hint from out there.
+            # Beyond an end of the path the hint, too, lies outside it.
             hint_s_m = min(max(hint_s_m, 0.0), self.length_m)
             first = max(0, int((hint_s_m - window_m) / SPACING_M))
             last = min(len(self._x), int((hint_s_m + window_m) / SPACING_M) + 2)
@@ -68,7 +68,7 @@ class Path:
         return index * SPACING_M + along, lateral
 
     def project_many(self, points_m: Float64, hint_s_m: float, window_m: float) -> tuple[Float64, Float64]:
-        """`project` for (N, 2) points, all near one hint: (arc lengths, signed lateral offsets), each (N,)."""
+        """`project` of (N, 2) points near one hint: (arc lengths, signed lateral offsets), each (N,)."""
         hint_s_m = min(max(hint_s_m, 0.0), self.length_m)
         first = max(0, int((hint_s_m - window_m) / SPACING_M))
         last = min(len(self._x), int((hint_s_m + window_m) / SPACING_M) + 2)
@@ -95,7 +95,7 @@ class Path:
         return float(np.max(np.abs(headings[4:] - headings[:-4]))) / (4 * SPACING_M)
 
     def shifted(self, lateral_at: Callable[[float], float]) -> Path:
-        """The path moved sideways by `lateral_at(s)` metres to the left (lane changes, drifting)."""
+        """The path shifted to the left by `lateral_at(s)` metres (lane changes)."""
         offsets = np.array([lateral_at(i * SPACING_M) for i in range(len(self._x))])
         normal = np.stack([-np.sin(self.headings_rad), np.cos(self.headings_rad)], axis=1)
         return Path(self.points_m + offsets[:, None] * normal)

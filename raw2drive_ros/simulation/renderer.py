@@ -1,6 +1,6 @@
-"""Six pinhole cameras in numpy and OpenCV: textured ground, then boxes far to near, then a box filter, then rain.
+"""Six pinhole cameras in numpy and OpenCV: textured ground, then quads from far to near, a box filter, noise and rain.
 
-All geometry of all cameras is one vectorised pass; only the visible quads reach a Python loop.
+Geometry is one vectorised pass over all cameras; only drawing the visible quads is a Python loop.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from raw2drive_ros.contract import CameraCalibration, Float64, Image8
 from raw2drive_ros.simulation.actors import PathVehicle
 from raw2drive_ros.simulation.ground import GroundProjector, Rgb, far_ground, paint_ground
 from raw2drive_ros.simulation.shapes import Shape, actor_shape, light_shape, stop_sign_shape
-from raw2drive_ros.simulation.variation import NO_VARIATION, Film, Variation
+from raw2drive_ros.simulation.variation import NO_VARIATION, ImageEffects, Variation
 from raw2drive_ros.simulation.weather import CLEAR, WEATHERS, Weather
 from raw2drive_ros.simulation.world import World
 
@@ -25,21 +25,21 @@ VISIBLE_M = 80.0
 HAZE_M = 180.0
 BRAKE_LAMP_MPS2 = -1.0
 SUN_HEIGHT, SUN_ACROSS = 0.9, 0.43
-# Light on a box: what comes from everywhere, and what the sun adds, or clouds instead: to its sides, and above.
+# Light on a surface: ambient, and direct from the sun or, diffuse, from clouds (on the sides, and more on top).
 AMBIENT, DIRECT, CLOUD_SIDE, CLOUD_ABOVE = 0.55, 0.45, 0.4, 0.4
-# Lamps shine through more air than painted things do.
+# Lamps are visible through so many times as much fog as other surfaces.
 LAMP_REACH = 3.0
-# Below so many pixels per metre a car loses its wheels; quads smaller than this many pixels are left out.
+# Cars that appear smaller than this many pixels per metre have no wheels; quads of fewer pixels are left out.
 DETAIL_PX_PER_M, LEAST_PX = 3.3, 0.35
-# Flashing lights and legs change so often per second.
+# Rate at which flashing lights and walking legs change.
 PHASE_HZ = 4.0
 SHIFT = 4
-# Of fixed-point coordinates, so that they stay integers.
+# Limit of fixed-point coordinates, which have to fit into 32 bits.
 REACH = 4000.0 * 2**SHIFT
 
 
 class CameraRenderer:
-    """Renders one world through a rig of cameras of one size; `new_world` swaps the world and keeps the tables."""
+    """Renders a world through a rig of cameras of one image size; `new_world` sets the world and keeps the tables."""
 
     def __init__(self, cameras: tuple[CameraCalibration, ...], supersampling: int = SUPERSAMPLING) -> None:
         self.cameras = cameras
@@ -56,7 +56,7 @@ class CameraRenderer:
         self.detail_m = float(self.focal.max()) / supersampling / DETAIL_PX_PER_M
         self.nominal_ground = GroundProjector(cameras, supersampling)
         self._mount(cameras)
-        self.film = Film(cameras[0].width, cameras[0].height * len(cameras))
+        self.effects = ImageEffects(cameras[0].width, cameras[0].height * len(cameras))
         self.world: World | None = None
 
     def _mount(self, cameras: tuple[CameraCalibration, ...]) -> None:
@@ -72,19 +72,19 @@ class CameraRenderer:
         variation: Variation = NO_VARIATION,
         rng: np.random.Generator | None = None,
     ) -> None:
-        """rng: places rain and noise anew in every frame; default: a fresh one with a fixed seed."""
+        """Render `world` from now on. rng: for noise and rain in every frame; default: one with a fixed seed."""
         self.world, self.weather, self.variation = world, weather, variation
         mounted = variation.mounted(self.cameras)
         if mounted is not self.mounted:
             self._mount(mounted)
-        self.air = variation.developed(np.array(weather.sky_horizon))
+        self.air = variation.tone_mapped(np.array(weather.sky_horizon))
         self.painted = paint_ground(world.road, weather, variation)
         self.ground.light(weather, variation)
         self.skies = [
             _sky(camera, self.scale, rows, weather, variation)
             for camera, rows in zip(mounted, self.ground.first_rows, strict=True)
         ]
-        self.film.load(weather, variation, rng or np.random.default_rng(0))
+        self.effects.load(weather, variation, rng or np.random.default_rng(0))
 
     def render(self) -> dict[str, Image8]:
         """Camera name -> (H, W, 3) uint8 RGB of the world as it is now."""
@@ -97,15 +97,15 @@ class CameraRenderer:
         self._draw_boxes(pose)
         stack = self.frames.reshape(-1, self.width, 4)
         if self.scale > 1:
-            # The box filter never reaches from one camera into the next: all heights are multiples of it.
+            # All image heights are multiples of the box filter, so it never mixes two cameras.
             stack = cv2.resize(stack, (self.width // self.scale, len(stack) // self.scale), None, 0, 0, cv2.INTER_AREA)
-        images = self.film.expose(cv2.cvtColor(stack, cv2.COLOR_RGBA2RGB)).reshape(
+        images = self.effects.apply(cv2.cvtColor(stack, cv2.COLOR_RGBA2RGB)).reshape(
             len(self.cameras), -1, self.width // self.scale, 3
         )
         return {camera.name: image for camera, image in zip(self.cameras, images, strict=True)}
 
     def _things(self, pose: tuple[float, float, float]) -> tuple[list[Shape], Float64]:
-        """(shapes, (N, 3) x, y, yaw in the ego frame), far to near."""
+        """(shapes, (N, 3) x, y, yaw in the ego frame) of actors, lights and signs within sight, from far to near."""
         assert self.world is not None
         world = self.world
         actors, poses = world.history[0]
@@ -136,7 +136,14 @@ class CameraRenderer:
             size = (round(actor.LENGTH, 1), round(actor.WIDTH, 1), round(actor.HEIGHT, 1))
             flashes = actor.body.endswith('emergency') or (actor.body == 'walker' and actor.speed > 0.0)
             shapes.append(
-                actor_shape(actor.body, actor.colour, size, lamps, phase if flashes else 0, metres < self.detail_m)
+                actor_shape(
+                    actor.body,
+                    actor.colour,
+                    size,
+                    lamps,
+                    phase if flashes else 0,
+                    detailed=metres < self.detail_m,
+                )
             )
         return shapes, local[order]
 
@@ -180,7 +187,7 @@ class CameraRenderer:
     def _seen(
         self, shapes: list[Shape], local: Float64, counts: NDArray[np.int64], points: Float64, normals: Float64
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """(camera, quad) of all quads that face a camera whose field of view their thing reaches into."""
+        """(camera, quad) indices of all quads that face a camera and belong to a shape within its field of view."""
         centre = local[:, :2] - self.positions[:, None, :2]
         depth = np.einsum('cnk,ck->cn', centre, self.rotations[:, :2, 2])
         across = np.abs(np.einsum('cnk,ck->cn', centre, self.rotations[:, :2, 0]))
@@ -202,7 +209,7 @@ class CameraRenderer:
         normals: Float64,
         pose: tuple[float, float, float],
     ) -> Float64:
-        """(K, 3) RGB of the quads `quad` in this light, through the air between them and the ego."""
+        """(K, 3) RGB of the quads `quad` in this weather, with haze by their distance from the ego."""
         weather = self.weather
         azimuth = self.variation.sun_azimuth_rad - pose[2]
         sun = np.array([SUN_ACROSS * math.cos(azimuth), SUN_ACROSS * math.sin(azimuth), SUN_HEIGHT])
@@ -213,13 +220,13 @@ class CameraRenderer:
             light += weather.beam(places)
         emissive = np.concatenate([shape.emissive for shape in shapes])[quad]
         gain = np.where(emissive[:, None], 1.0, light[:, None] * weather.tint())
-        colours = self.variation.developed(np.concatenate([shape.colours for shape in shapes])[quad] * gain)
+        colours = self.variation.tone_mapped(np.concatenate([shape.colours for shape in shapes])[quad] * gain)
         thickness = 1.0 / HAZE_M + np.where(emissive, 1.0 / LAMP_REACH, 1.0) / weather.fog_m
         clear = np.exp(-np.hypot(places[:, 0], places[:, 1]) * thickness)[:, None]
         return self.air + (colours - self.air) * clear
 
     def _clip_near(self, corners: Float64, camera: int) -> Float64:
-        """Pixels of a quad that crosses the near plane, cut at the plane."""
+        """Pixel positions of a quad that crosses the near plane, clipped at it."""
         kept = []
         for i in range(4):
             a, b = corners[i], corners[(i + 1) % 4]
@@ -239,12 +246,12 @@ def _fixed(pixels: Float64) -> NDArray[np.int32]:
 
 
 def _sky(camera: CameraCalibration, scale: int, rows: int, weather: Weather, variation: Variation) -> Rgb:
-    """(rows, W, 4): a vertical gradient down to the horizon, far grass between it and the drawn ground."""
+    """(rows, W, 4) uint8: a vertical gradient down to the horizon, then distant grass down to the drawn ground."""
     v = (np.arange(rows) + 0.5) / scale
     rise = (camera.intrinsics[1, 2] - v) / camera.intrinsics[1, 1]
     part = np.clip(rise / 0.6, 0.0, 1.0)[:, None]
     column = np.array(weather.sky_horizon) * (1 - part) + np.array(weather.sky_top) * part
-    column = variation.developed(column)
+    column = variation.tone_mapped(column)
     column[rise < 0] = far_ground(weather, variation)
     column = np.column_stack([column, np.zeros(rows)])
     return np.repeat(column[:, None], camera.width * scale, axis=1).astype(np.uint8)

@@ -1,11 +1,12 @@
-"""Reward and terminal rules of one decision step: Think2Drive's, which the paper reuses (appendix C.4), but for three
-things that paid for bad driving on our routes (docs/benchmark.md):
+"""Reward and terminal rules of one decision step, after Think2Drive, whose reward the paper reuses (appendix C.4).
 
-- The speed term is v*/v_base - |v - v*|/7.5, not 1 - |v - v*|/7.5: standing where one has to stand earns nothing.
-- v* looks at what is ahead in the ego's own corridor, so that who passes an obstacle is not told to stop for it.
-- Deviation is free on the stretch beside the route that leads past an obstacle.
+Three terms differ, because they rewarded bad driving on our routes (docs/benchmark.md):
 
-and one that it has no word for: holding up an emergency vehicle costs `YIELD_COST` a step.
+- The speed term is v*/v_base - |v - v*|/7.5, not 1 - |v - v*|/7.5: standing where the ego has to stand earns nothing.
+- v* depends on what is ahead in the ego's own corridor, so an ego that passes an obstacle does not have to stop for it.
+- Deviation costs nothing on the detour around an obstacle.
+
+One term is new: holding up an emergency vehicle costs `YIELD_COST` per step.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from raw2drive_ros.simulation.actors import Walker
-from raw2drive_ros.simulation.criteria import beside_route_m
+from raw2drive_ros.simulation.criteria import route_deviation_m
 from raw2drive_ros.simulation.world import DECISION_HZ, World
 
 RAMP_M = 12.5
@@ -29,10 +30,10 @@ SLOW_LIMIT_S = 100.0
 ROUTE_END_M = 10.0
 SEARCH_M = 50.0
 ON_ROUTE_M = 2.0
-# An emergency vehicle this near behind, slower than it wants to be by so much, is held up.
+# An emergency vehicle is held up if it is this close behind, and slower than its target speed by this much.
 YIELD_COST, HELD_UP_M, HELD_UP_MPS = 1.0, 30.0, 2.0
 VULNERABLE = ('walker', 'cyclist')
-# Walkers and cyclists further aside than this do not slow v*.
+# Pedestrians with a larger lateral distance do not reduce v*.
 BESIDE_M = 5.0
 
 # Distances (m) at which the target speed reaches zero.
@@ -42,7 +43,7 @@ WEIGHTS = {'speed': 1.0, 'travel': 1.0, 'deviation': 2.0, 'steer': 0.5}
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """reward and its terms (already weighted; they sum to it); why the episode ended, if it did."""
+    """reward: sum of `terms`, which are weighted. terminal, truncated: the episode ends. cause: why, or empty."""
 
     reward: float
     terms: dict[str, float]
@@ -53,7 +54,7 @@ class Outcome:
 
 
 class RewardModel:
-    """Keeps what the reward needs of the previous step."""
+    """Computes the reward; holds what it needs from the previous steps. Make a new one for every episode."""
 
     def __init__(self, world: World) -> None:
         self.best_s_m = world.route_s_m
@@ -61,14 +62,14 @@ class RewardModel:
         self.slow_s = 0.0
 
     def step(self, world: World, infractions: list[str]) -> Outcome:
-        """Score the step that just ended. infractions: names of those that happened in it."""
+        """Reward of the step that just ended. infractions: names of those that began in it."""
         ego = world.ego
         free = free_share(world)
         target = free * base_speed_mps(world)
         advance = max(0.0, world.route_s_m - self.best_s_m)
         self.best_s_m = max(self.best_s_m, world.route_s_m)
         steer = ego.command.steer
-        deviation = beside_route_m(world)
+        deviation = route_deviation_m(world)
         terms = {
             'speed': WEIGHTS['speed'] * (free - abs(ego.speed - target) / SPEED_SCALE_MPS),
             'travel': WEIGHTS['travel'] * advance,
@@ -85,7 +86,7 @@ class RewardModel:
         return Outcome(sum(terms.values()), terms, target, override is not None and not truncated, truncated, cause)
 
     def _end(self, world: World, deviation: float, infractions: list[str]) -> tuple[float | None, str, bool]:
-        """(reward that replaces the sum, cause, is it a truncation)."""
+        """(reward in place of the sum or None, cause, whether it is a truncation)."""
         fatal = [i for i in infractions if i.startswith('collision') or i in ('red_light', 'stop_sign')]
         if fatal:
             return -1.0 - abs(world.ego.speed), fatal[0], False
@@ -103,17 +104,17 @@ def _ramp(distance_m: float, margin_m: float) -> float:
 
 
 def base_speed_mps(world: World) -> float:
-    """Target speed of a free road: a share of its advised speed."""
+    """v_base: target speed on a free road, a share of the advised speed."""
     return SPEED_SHARE * world.speed_limit_at(world.route_s_m)
 
 
 def target_speed_mps(world: World) -> float:
-    """v*: the free road's, ramped down to zero before the nearest hazard."""
+    """v*: v_base, reduced linearly to zero in front of the nearest hazard."""
     return free_share(world) * base_speed_mps(world)
 
 
 def free_share(world: World) -> float:
-    """v* / v_base in [0, 1]: what the nearest hazard leaves of the free road's speed."""
+    """v* / v_base in [0, 1]: 1 on a free road, 0 right in front of the nearest hazard."""
     factor = 1.0
     front = world.front_s_m
     for light in world.lights:
@@ -129,8 +130,8 @@ def free_share(world: World) -> float:
 
 
 def vehicle_ahead_m(world: World) -> float:
-    """Distance along the route to the first vehicle or obstacle whose centre is within 2 m of the ego's corridor, which
-    runs beside the route at the ego's own offset; or inf."""
+    """Distance (m) along the route to the first vehicle or obstacle whose centre is within `ON_ROUTE_M` of the ego's
+    corridor, which runs along the route at the ego's own lateral offset; inf without one."""
     near = np.abs(world.positions[:-1] - world.ego.position).max(axis=1, initial=0.0) < SEARCH_M + 5
     rows = [i for i in np.flatnonzero(near) if world.actors[i].kind not in VULNERABLE]
     if not rows:
@@ -145,7 +146,7 @@ def vehicle_ahead_m(world: World) -> float:
 
 
 def holds_up_emergency(world: World) -> bool:
-    """Is an emergency vehicle close behind in the ego's corridor, and slower than it wants to be?"""
+    """Whether an emergency vehicle is close behind in the ego's corridor and below its target speed."""
     for i, actor in enumerate(world.actors):
         if actor.kind != 'emergency' or actor.target_speed - actor.speed < HELD_UP_MPS:
             continue
@@ -157,13 +158,13 @@ def holds_up_emergency(world: World) -> bool:
 
 
 def _corridor_m(world: World, s_m: float) -> float:
-    """Lateral offset of the ego's corridor at `s_m`: its own, as far as the road there lets it keep that."""
+    """Lateral offset of the ego's corridor at `s_m`: the ego's own, limited to where it may drive there."""
     right, left = world.lateral_range_m(s_m)
     return min(max(world.route_lateral_m, right), left)
 
 
 def nearest_vulnerable_m(world: World) -> dict[str, float]:
-    """Euclidean distance to the nearest cyclist and walker that is ahead of the ego and not far aside."""
+    """Kind -> Euclidean distance (m) to the nearest cyclist or pedestrian ahead of the ego and close to its lane."""
     found: dict[str, float] = {}
     cos, sin = math.cos(world.ego.heading), math.sin(world.ego.heading)
     x, y = (float(v) for v in world.ego.position)

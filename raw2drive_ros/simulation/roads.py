@@ -1,7 +1,8 @@
-"""From a `RoadLayout` to lanes, drivable surfaces and paint, all in `map`.
+"""The road map of a scene: lanes, drivable surfaces and markings, all in `map`. `road_builder` makes it.
 
-Nodes: `c<i>` forward chain, `b<i>` backward chain, `j<i><arm><in|out|far>` junction arms,
-`r<i>...` ramps. Edge (a, b) holds its lanes from the centre line outwards.
+Nodes: `c<i>` forward chain, `b<i>` backward chain, `j<i><arm><in|out|far_in|far_out>` arms of a junction,
+`r<i><letter>` on-ramp, `x<i><letter>` off-ramp; `<i>` is the index of the piece. Edge (a, b) holds its lanes from
+the centre line outwards.
 """
 
 from __future__ import annotations
@@ -13,26 +14,23 @@ import numpy as np
 from highway_env.road.road import RoadNetwork
 
 from raw2drive_ros.contract import Float64
-from raw2drive_ros.errors import LayoutError
 from raw2drive_ros.simulation.lanes import ArcLane
-from raw2drive_ros.simulation.layout import (
-    ARM_LENGTH_M,
-    CORNER_RADIUS_M,
-    LANE_WIDTH_M,
-    Junction,
-    RoadLayout,
-    Straight,
-)
+from raw2drive_ros.simulation.layout import Junction, RoadLayout
 from raw2drive_ros.simulation.path import Path
 
 ARM_TURN_RAD = {'left': math.pi / 2, 'ahead': 0.0, 'right': -math.pi / 2}
 Pose = tuple[float, float, float]
 Edge = tuple[str, str]
+# Spacing of the points of centre lines and markings.
+SAMPLE_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Marking:
-    """Paint on the road. kind: white | white_dashed | yellow | yellow_dashed | stop | zebra (a polygon)."""
+    """A road marking. kind: white, white_dashed, yellow, yellow_dashed or stop (polylines), or zebra (a polygon).
+
+    points_m: (N, 2).
+    """
 
     kind: str
     points_m: Float64
@@ -40,7 +38,7 @@ class Marking:
 
 @dataclass(slots=True)
 class JunctionSite:
-    """Where a junction stands. `entry_s_m` and `exit_s_m`: arc length along the forward chain."""
+    """Pose and extent of a junction. piece: its index in the layout. entry_s_m, exit_s_m: along the forward chain."""
 
     piece: int
     centre_m: tuple[float, float]
@@ -53,6 +51,8 @@ class JunctionSite:
 
 @dataclass(slots=True)
 class RoadMap:
+    """Lanes, surfaces and markings of a road. surfaces_m, sidewalks_m: (N, 2) polygons. exit: edges of the off-ramp."""
+
     network: RoadNetwork
     layout: RoadLayout
     forward: list[Edge] = field(default_factory=list)
@@ -72,7 +72,7 @@ class RoadMap:
         return found
 
     def path(self, edges: list[Edge], lane: int = 0) -> Path:
-        """The centre line of one lane id along a list of edges."""
+        """The centre line of one lane along consecutive edges."""
         return Path(np.concatenate([self.lane(edge, lane).centre_line(SAMPLE_M) for edge in edges]))
 
     def forward_path(self, lane: int = 0) -> Path:
@@ -85,23 +85,25 @@ class RoadMap:
         return self.reference
 
     def backward_path(self, lane: int = 0) -> Path:
-        """Oncoming traffic, from the far end of the chain to its start."""
+        """A lane of oncoming traffic, from the far end of the chain to its start."""
         return self.path(self.backward[::-1], lane)
 
     def ramp_path(self) -> Path:
-        """The ramp, its acceleration lane, and then the main road's rightmost lane."""
+        """The on-ramp, its acceleration lane, then the rightmost lane of the main road."""
         right = self.layout.forward_lanes - 1
         on_ramp = self.path(self.ramp)
         merged = self.path(self.forward[self.ramp_piece + 1 :], right)
         return Path(np.concatenate([on_ramp.points_m, merged.points_m]))
 
     def exit_path(self) -> Path:
-        """The exit ramp, from where its deceleration lane leaves the road."""
+        """The off-ramp, from the end of its deceleration lane on."""
         return self.path(self.exit[1:])
 
     def crossing_path(self, junction: int, source: str, target: str, lane: int = 0) -> Path:
-        """Traffic over a junction between arms: left, right, ahead, or `back` (where the ego comes from), from and to
-        the ends of the pieces next to the junction."""
+        """A lane across a junction from arm `source` to arm `target`, with the adjacent pieces at full length.
+
+        Arms: left, right, ahead, or `back`, where the ego comes from.
+        """
         piece = self.junctions[junction].piece
         edges: list[Edge] = []
         if source == 'back':
@@ -110,7 +112,7 @@ class RoadMap:
             edges += self.backward[piece + 1 : piece + 2]
         else:
             edges.append((f'j{piece}{source}far_in', f'j{piece}{source}in'))
-        edges.append((_inward(self, piece, source), _outward(self, piece, target)))
+        edges.append((self.node_into(piece, source), self.node_out_of(piece, target)))
         if target == 'back':
             edges += self.backward[max(0, piece - 1) : piece]
         elif target == self.junctions[junction].spec.turn:
@@ -119,284 +121,19 @@ class RoadMap:
             edges.append((f'j{piece}{target}out', f'j{piece}{target}far_out'))
         return self.path(edges, lane)
 
+    def node_into(self, piece: int, arm: str) -> str:
+        """Node at which the lanes of `arm` enter the junction that is piece `piece`."""
+        if arm == 'back':
+            return f'c{piece}'
+        return f'b{piece + 1}' if arm == self._turn(piece) else f'j{piece}{arm}in'
 
-SAMPLE_M = 1.0
+    def node_out_of(self, piece: int, arm: str) -> str:
+        """Node at which the lanes of `arm` leave the junction that is piece `piece`."""
+        if arm == 'back':
+            return f'b{piece}'
+        return f'c{piece + 1}' if arm == self._turn(piece) else f'j{piece}{arm}out'
 
-
-def _inward(road: RoadMap, piece: int, arm: str) -> str:
-    if arm == 'back':
-        return f'c{piece}'
-    spec = road.layout.pieces[piece]
-    assert isinstance(spec, Junction)
-    return f'b{piece + 1}' if arm == spec.turn else f'j{piece}{arm}in'
-
-
-def _outward(road: RoadMap, piece: int, arm: str) -> str:
-    if arm == 'back':
-        return f'b{piece}'
-    spec = road.layout.pieces[piece]
-    assert isinstance(spec, Junction)
-    return f'c{piece + 1}' if arm == spec.turn else f'j{piece}{arm}out'
-
-
-def _advance(pose: Pose, forward_m: float, left_m: float = 0.0, turn_rad: float = 0.0) -> Pose:
-    x, y, yaw = pose
-    return (
-        x + forward_m * math.cos(yaw) - left_m * math.sin(yaw),
-        y + forward_m * math.sin(yaw) + left_m * math.cos(yaw),
-        yaw + turn_rad,
-    )
-
-
-class RoadBuilder:
-    """Lays the pieces of a layout; `build()` returns the finished map."""
-
-    def __init__(self, layout: RoadLayout) -> None:
-        self.layout = layout
-        self.road = RoadMap(RoadNetwork(), layout)
-        self.centre: list[tuple[int, Float64]] = []
-        self.distance_m = 0.0
-
-    def build(self) -> RoadMap:
-        pose: Pose = (0.0, 0.0, 0.0)
-        for index, piece in enumerate(self.layout.pieces):
-            if isinstance(piece, Junction):
-                pose = self._junction(index, piece, pose)
-            else:
-                length, curvature = (
-                    (piece.length_m, 0.0)
-                    if isinstance(piece, Straight)
-                    else (
-                        piece.radius_m * abs(piece.angle_rad),
-                        math.copysign(1.0 / piece.radius_m, piece.angle_rad),
-                    )
-                )
-                pose = self._section(index, pose, length, curvature)
-                if isinstance(piece, Straight) and piece.ramp:
-                    self._ramp(index, pose, piece.length_m)
-                if isinstance(piece, Straight) and piece.exit:
-                    self._exit(index, pose, piece.length_m)
-        self._reject_overlap()
-        for zebra_s in self.layout.zebras_m:
-            self._zebra(zebra_s)
-        return self.road
-
-    def _add(self, edge: Edge, pose: Pose, length: float, curvature: float) -> None:
-        lane = ArcLane(pose[:2], pose[2], length, curvature, LANE_WIDTH_M, self.layout.speed_limit_mps)
-        self.road.network.add_lane(*edge, lane)
-
-    def _parallel(
-        self, edge: Edge, pose: Pose, length: float, curvature: float, offset: float, *, reverse: bool
-    ) -> None:
-        """A lane `offset` metres left of a reference arc."""
-        scale = 1.0 - curvature * offset
-        start = _advance(pose, 0.0, offset)
-        if not reverse:
-            self._add(edge, start, length * scale, curvature / scale)
-            return
-        end = ArcLane(start[:2], start[2], length * scale, curvature / scale, 1, 1).pose(length * scale)
-        self._add(edge, (end[0], end[1], end[2] + math.pi), length * scale, -curvature / scale)
-
-    def _section(self, index: int, pose: Pose, length: float, curvature: float) -> Pose:
-        layout, road = self.layout, self.road
-        forward, backward = (f'c{index}', f'c{index + 1}'), (f'b{index + 1}', f'b{index}')
-        for lane in range(layout.forward_lanes):
-            self._parallel(forward, pose, length, curvature, -(lane + 0.5) * LANE_WIDTH_M, reverse=False)
-        for lane in range(layout.backward_lanes):
-            self._parallel(backward, pose, length, curvature, (lane + 0.5) * LANE_WIDTH_M, reverse=True)
-        road.forward.append(forward)
-        road.backward.append(backward)
-        self._paint(pose, length, curvature, layout.forward_lanes, layout.backward_lanes)
-        reference = ArcLane(pose[:2], pose[2], length, curvature, 1, 1)
-        self.centre.append((index, reference.centre_line(4.0)))
-        self.distance_m += length
-        return reference.pose(length)
-
-    def _strip(self, lane: ArcLane, left: float, right: float) -> Float64:
-        return np.concatenate([lane.centre_line(SAMPLE_M, left), lane.centre_line(SAMPLE_M, right)[::-1]])
-
-    def _paint(self, pose: Pose, length: float, curvature: float, forward: int, backward: int) -> None:
-        """Asphalt, edge lines, lane lines and the centre line of one section."""
-        layout, road = self.layout, self.road
-        lane = ArcLane(pose[:2], pose[2], length, curvature, 1, 1)
-        left, right = backward * LANE_WIDTH_M, -forward * LANE_WIDTH_M
-        margin = layout.shoulder_m
-        road.surfaces_m.append(self._strip(lane, left + margin, right - margin))
-        road.sidewalks_m.append(self._strip(lane, left + margin + 2.0, right - margin - 2.0))
-        mark = road.markings.append
-        mark(Marking('white', lane.centre_line(SAMPLE_M, right)))
-        mark(Marking('white' if backward else 'yellow', lane.centre_line(SAMPLE_M, left)))
-        for i in range(1, forward):
-            mark(Marking('white_dashed', lane.centre_line(SAMPLE_M, -i * LANE_WIDTH_M)))
-        for i in range(1, backward):
-            mark(Marking('white_dashed', lane.centre_line(SAMPLE_M, i * LANE_WIDTH_M)))
-        if backward:
-            kind = 'yellow_dashed' if forward == 1 else 'yellow'
-            mark(Marking(kind, lane.centre_line(SAMPLE_M)))
-
-    def _junction(self, index: int, spec: Junction, pose: Pose) -> Pose:
-        layout, road = self.layout, self.road
-        lanes = layout.forward_lanes
-        if layout.backward_lanes != lanes:
-            raise ValueError('Junction: needs as many backward as forward lanes')
-        half = lanes * LANE_WIDTH_M + CORNER_RADIUS_M
-        centre = _advance(pose, half)
-        turn = ARM_TURN_RAD[spec.turn]
-        outlet = _advance((*centre[:2], pose[2] + turn), half)
-        inlets = {'back': pose}
-        for arm in spec.arms:
-            inlets[arm] = _advance((*centre[:2], pose[2] + ARM_TURN_RAD[arm]), half, 0.0, math.pi)
-            if arm != spec.turn:
-                self._arm(index, arm, inlets[arm])
-        for source, start in inlets.items():
-            for target, goal in inlets.items():
-                if source != target:
-                    edge = (_inward(road, index, source), _outward(road, index, target))
-                    self._connector(edge, start, goal, half, lanes)
-        square = [_advance(centre, sx * half, sy * half)[:2] for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-        road.surfaces_m.append(np.array(square))
-        # A missing arm leaves a kerb: paint its edge.
-        for arm in ('left', 'right', 'ahead'):
-            if arm not in spec.arms:
-                edge_pose = _advance((*centre[:2], pose[2] + ARM_TURN_RAD[arm]), half)
-                ends = [_advance(edge_pose, 0.0, side * half)[:2] for side in (-1, 1)]
-                road.markings.append(Marking('white', np.array(ends)))
-        if spec.control in ('light', 'stop'):
-            for start in inlets.values():
-                line = [_advance(start, -0.6, -w)[:2] for w in (0.2, lanes * LANE_WIDTH_M)]
-                road.markings.append(Marking('stop', np.array(line)))
-        connector = self.road.lane((f'c{index}', f'c{index + 1}'), 0)
-        road.forward.append((f'c{index}', f'c{index + 1}'))
-        road.backward.append((f'b{index + 1}', f'b{index}'))
-        exit_distance = self.distance_m + connector.length
-        road.junctions.append(JunctionSite(index, centre[:2], pose[2], half, spec, self.distance_m, exit_distance))
-        self.centre.append((index, np.array([pose[:2], centre[:2], outlet[:2]])))
-        self.distance_m = exit_distance
-        return outlet
-
-    def _arm(self, index: int, arm: str, inlet: Pose) -> None:
-        """A stub road that ends after `ARM_LENGTH_M`; `inlet` looks into the junction."""
-        lanes = self.layout.forward_lanes
-        far = _advance(inlet, -ARM_LENGTH_M)
-        for lane in range(lanes):
-            offset = (lane + 0.5) * LANE_WIDTH_M
-            self._parallel((f'j{index}{arm}far_in', f'j{index}{arm}in'), far, ARM_LENGTH_M, 0.0, -offset, reverse=False)
-            self._parallel((f'j{index}{arm}out', f'j{index}{arm}far_out'), far, ARM_LENGTH_M, 0.0, offset, reverse=True)
-        self._paint(far, ARM_LENGTH_M, 0.0, lanes, lanes)
-        self.centre.append((index, ArcLane(far[:2], far[2], ARM_LENGTH_M, 0.0, 1, 1).centre_line(4.0)))
-
-    def _connector(self, edge: Edge, start: Pose, goal: Pose, half: float, lanes: int) -> None:
-        """Lanes from inlet `start` to the outlet of arm `goal`: a line or a quarter circle."""
-        angle = math.remainder(goal[2] + math.pi - start[2], 2 * math.pi)
-        for lane in range(lanes):
-            offset = (lane + 0.5) * LANE_WIDTH_M
-            begin = _advance(start, 0.0, -offset)
-            if abs(angle) < 0.1:
-                self._add(edge, begin, 2 * half, 0.0)
-            else:
-                radius = half + offset if angle > 0 else half - offset
-                self._add(edge, begin, radius * math.pi / 2, math.copysign(1 / radius, angle))
-
-    def _ramp(self, index: int, end: Pose, length: float) -> None:
-        """An acceleration lane right of the section that ends at `end`, fed by an S-shaped ramp."""
-        road, layout = self.road, self.layout
-        start = _advance(end, -length)
-        offset = -(layout.forward_lanes + 0.5) * LANE_WIDTH_M
-        angle, radius = math.radians(14.0), 120.0
-        join = _advance(start, 0.0, offset)
-        arc_length = radius * angle
-        along, aside = radius * math.sin(angle), radius * (1 - math.cos(angle))
-        # The ramp comes from the right, bending right at the end to become parallel.
-        arc_start = _advance(join, -along, -aside, angle)
-        far = _advance(arc_start, -60.0)
-        blend_m = 30.0
-        self._add((f'r{index}a', f'r{index}b'), far, 60.0, 0.0)
-        self._add((f'r{index}b', f'r{index}c'), arc_start, arc_length, -1 / radius)
-        self._add((f'r{index}c', f'r{index}d'), join, length - blend_m, 0.0)
-        road.ramp = [(f'r{index}a', f'r{index}b'), (f'r{index}b', f'r{index}c'), (f'r{index}c', f'r{index}d')]
-        road.ramp_piece = index
-        self._pave_side_lanes(road.ramp, beside=road.ramp[-1])
-        taper = [
-            _advance(end, -blend_m, -layout.forward_lanes * LANE_WIDTH_M)[:2],
-            _advance(end, -blend_m, offset - LANE_WIDTH_M / 2)[:2],
-            _advance(end, 0.0, -layout.forward_lanes * LANE_WIDTH_M)[:2],
-        ]
-        road.surfaces_m.append(np.array(taper))
-        road.markings.append(Marking('white', np.array(taper[1:])))
-        self._dash_edge_line(start)
-
-    def _exit(self, index: int, end: Pose, length: float) -> None:
-        """A deceleration lane right of the section that ends at `end`, and a ramp that bends away."""
-        road, layout = self.road, self.layout
-        start = _advance(end, -length)
-        offset = -(layout.forward_lanes + 0.5) * LANE_WIDTH_M
-        angle, radius, blend_m = math.radians(16.0), 110.0, 30.0
-        lane_start = _advance(start, blend_m, offset)
-        leave = _advance(end, 0.0, offset)
-        arc = ArcLane(leave[:2], leave[2], radius * angle, -1 / radius, 1, 1)
-        self._add((f'x{index}a', f'x{index}b'), lane_start, length - blend_m, 0.0)
-        self._add((f'x{index}b', f'x{index}c'), leave, radius * angle, -1 / radius)
-        self._add((f'x{index}c', f'x{index}d'), arc.pose(arc.length), 70.0, 0.0)
-        road.exit = [(f'x{index}a', f'x{index}b'), (f'x{index}b', f'x{index}c'), (f'x{index}c', f'x{index}d')]
-        self._pave_side_lanes(road.exit, beside=road.exit[0])
-        taper = [
-            _advance(start, blend_m, -layout.forward_lanes * LANE_WIDTH_M)[:2],
-            _advance(start, blend_m, offset - LANE_WIDTH_M / 2)[:2],
-            _advance(start, 0.0, -layout.forward_lanes * LANE_WIDTH_M)[:2],
-        ]
-        road.surfaces_m.append(np.array(taper))
-        road.markings.append(Marking('white', np.array(taper[1:])))
-        self._dash_edge_line(start)
-
-    def _pave_side_lanes(self, edges: list[Edge], beside: Edge) -> None:
-        """Asphalt and edge lines of a ramp; the lane `beside` the road has no line on its left."""
-        road, half, shoulder = self.road, LANE_WIDTH_M / 2, self.layout.shoulder_m
-        for edge in edges:
-            lane = road.lane(edge, 0)
-            road.surfaces_m.append(self._strip(lane, half, -half - shoulder))
-            road.sidewalks_m.append(self._strip(lane, half + 1, -half - shoulder - 2))
-            road.markings.append(Marking('white', lane.centre_line(SAMPLE_M, -half)))
-            if edge != beside:
-                road.markings.append(Marking('white', lane.centre_line(SAMPLE_M, half)))
-
-    def _dash_edge_line(self, start: Pose) -> None:
-        """The edge line of the section that starts at `start`, beside an added lane, becomes a dashed one."""
-        road, layout = self.road, self.layout
-        edge_line = road.markings.pop(
-            next(
-                i
-                for i, marking in enumerate(road.markings)
-                if marking.kind == 'white'
-                and np.allclose(marking.points_m[0], _advance(start, 0, -layout.forward_lanes * LANE_WIDTH_M)[:2])
-            )
-        )
-        road.markings.append(Marking('white_dashed', edge_line.points_m))
-
-    def _zebra(self, s_m: float) -> None:
-        """Bars across the whole road at an arc length of the forward chain, on a straight piece."""
-        path = self.road.forward_path(0)
-        x, y, yaw = path.pose(s_m)
-        origin = _advance((x, y, yaw), 0.0, LANE_WIDTH_M / 2)
-        left, right = self.layout.backward_lanes * LANE_WIDTH_M, self.layout.forward_lanes * LANE_WIDTH_M
-        offset = -right + 0.3
-        while offset + 0.5 < left:
-            corners = [
-                _advance(origin, a, offset + b)[:2] for a, b in ((-1.5, 0.0), (1.5, 0.0), (1.5, 0.5), (-1.5, 0.5))
-            ]
-            self.road.markings.append(Marking('zebra', np.array(corners)))
-            offset += 1.0
-
-    def _reject_overlap(self) -> None:
-        """Pieces that are not neighbours must stay apart, or the map would not be one a car can drive."""
-        clearance = 2.0 * max(self.layout.forward_lanes, self.layout.backward_lanes) * LANE_WIDTH_M + 6.0
-        for i, (piece_a, points_a) in enumerate(self.centre):
-            for piece_b, points_b in self.centre[i + 1 :]:
-                if abs(piece_a - piece_b) > 1:
-                    gap = points_a[:, None] - points_b[None]
-                    if np.min(np.einsum('abk,abk->ab', gap, gap)) < clearance**2:
-                        raise LayoutError(f'pieces {piece_a} and {piece_b} overlap')
-
-
-def build_road(layout: RoadLayout) -> RoadMap:
-    """Raises `LayoutError` where pieces overlap: scenario draws are then repeated."""
-    return RoadBuilder(layout).build()
+    def _turn(self, piece: int) -> str:
+        spec = self.layout.pieces[piece]
+        assert isinstance(spec, Junction)
+        return spec.turn

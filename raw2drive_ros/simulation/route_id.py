@@ -1,4 +1,4 @@
-"""What names one drive, everywhere: scenario type, seed, weather and repetition."""
+"""The identifier of one drive: scenario type, seed, weather and repetition."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from raw2drive_ros.errors import RouteIdError
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 
-# Not `isdigit`, which takes a superscript two; and no more than a ROS parameter holds.
+# Not `isdigit`, which accepts a superscript two; 18 digits fit into an integer parameter of ROS.
 NUMBER = re.compile(r'[0-9]{1,18}')
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class RouteId:
-    """repetition 0 is the route as drawn; others start a little beside it, with other sensor noise."""
+    """repetition: 0 is the route as drawn; others start a little beside it and have other sensor noise."""
 
     type: str
     seed: int

@@ -38,10 +38,10 @@ class LaneChange:
 
 @dataclass(frozen=True, slots=True)
 class RouteSpec:
-    """The ego's route: along the forward chain (or from the ramp, or to the exit), in a lane, with lane changes.
+    """The ego's route: along the forward chain (or from the on-ramp, or to the off-ramp), in a lane, with lane changes.
 
-    lane: where it starts; a fraction is a place beside the lanes, e.g. a parking bay. detour: the lane changes of
-    a way past what blocks the route, which keeps its own lane; drivers have to find such a way themselves.
+    lane: where it starts; a fraction is a place beside the lanes, e.g. a parking bay. detour: lane changes of a path
+    around an obstacle. The route itself stays in its lane: drivers have to find the detour themselves.
     """
 
     lane: float = 0
@@ -59,9 +59,11 @@ class TrafficSpec:
     """One vehicle on a path: `forward` (a lane of the ego's road), `backward`, `ramp`, or a crossing
     (`('left', 'right')`, ...) of junction `junction`. `s_m` is along that path.
 
-    meets_ego: once its scripts have set it going, it keeps its time of arrival at the junction's centre
-    equal to the ego's, until either is near. has_priority: does not brake for an ego that crosses its path.
-    enters_at_s: when it drives into the world, once the place is free. pacing: keeps beside the ego for a while.
+    meets_ego: once its scripts have started it, it adapts its speed to arrive at the crossing point together with the
+    ego, until either is near. has_priority: does not brake for an ego that crosses its path. enters_at_s: when it
+    enters the world, or later, once its place is free. pacing: keeps its distance to the ego for a while.
+    waits_for_s_m: `enters_at_s` counts from when the ego reaches this arc length of the route. ends_at_s_m: arc length
+    of its path at which it is removed.
     """
 
     on: str | tuple[str, str]
@@ -86,8 +88,8 @@ class TrafficSpec:
 
 @dataclass(frozen=True, slots=True)
 class WalkerSpec:
-    """A pedestrian or cyclist beside the route at `s_m`, who crosses from `from_m` to `to_m` (left positive) and
-    is at the ego's side `delay_s` before an ego that keeps its speed."""
+    """A pedestrian or cyclist beside the route at `s_m`, who crosses from lateral offset `from_m` to `to_m` (left
+    positive); timing: `actors.Walker`."""
 
     s_m: float
     from_m: float
@@ -109,7 +111,7 @@ class StandingSpec:
 
 @dataclass(frozen=True, slots=True)
 class DoorSpec:
-    """The door of a car parked at `s_m`, whose side facing the route is at `hinge_m` (left positive)."""
+    """The door of a car parked at `s_m`. hinge_m: lateral offset (left positive) of its side that faces the route."""
 
     s_m: float
     hinge_m: float
@@ -118,8 +120,8 @@ class DoorSpec:
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceSpec:
-    """Between `s_m` and `s_m + length_m` of the route: steering is pushed by `steer` (share of full lock), to
-    alternating sides for `period_s` each, and only a share `grip` of drive and brake force reaches the road."""
+    """Between `s_m` and `s_m + length_m` of the route: the steering command is disturbed by `steer` (share of full
+    lock), to alternating sides for `period_s` each, and only a share `grip` of drive and brake force is transmitted."""
 
     s_m: float
     length_m: float
@@ -142,12 +144,14 @@ class LightSpec:
 
 @dataclass(frozen=True, slots=True)
 class StopSignSpec:
+    """A stop sign at junction `junction` for the ego's approach."""
+
     junction: int
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """One draw of a scenario: everything that the world is built from."""
+    """One draw of a scenario: the complete specification that a `World` is built from."""
 
     layout: RoadLayout
     route: RouteSpec = RouteSpec()
@@ -165,7 +169,7 @@ def no_extra_rule(world: World) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A named scenario type. `rule` returns the name of an infraction of its own, or None."""
+    """A scenario type. rule: returns the name of an infraction that only this type has, or None."""
 
     name: str
     abilities: tuple[str, ...]
@@ -204,6 +208,7 @@ def load_scenarios() -> dict[str, Scenario]:
 
 
 def get_scenario(name: str) -> Scenario:
+    """The scenario type registered as `name`. Raises UnknownScenarioError."""
     known = load_scenarios()
     if name not in known:
         raise UnknownScenarioError(
@@ -213,6 +218,6 @@ def get_scenario(name: str) -> Scenario:
 
 
 def rng_for(name: str, seed: int, repetition: int = 0) -> Rng:
-    """The generator of one (scenario, seed), or of one repetition of it: the same on every machine."""
+    """The random generator of (scenario type, seed), or of one repetition; the same on every machine."""
     key = [seed, zlib.crc32(name.encode())]
     return np.random.default_rng([*key, repetition] if repetition else key)

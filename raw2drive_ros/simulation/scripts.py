@@ -1,4 +1,4 @@
-"""What makes actors act: triggers with effects, and speeds steered by where the ego is."""
+"""Scripted behaviour of actors: triggers with effects, and speeds that depend on the ego."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from highway_env.vehicle.kinematics import Vehicle
 
-# Who creeps up to an actor's place sets it off here.
+# At this distance an ego triggers `ego_is_due` however slow it is.
 NEARLY_THERE_M = 5.0
 
 if TYPE_CHECKING:
@@ -20,11 +20,10 @@ if TYPE_CHECKING:
 class Script:
     """An effect that starts when its trigger fires, once.
 
-    Triggers (any that is set): `ego_within_m` of the actor, `ego_at_s_m` along the route, `ego_due` =
-    (s_m, seconds): at its speed the ego's front reaches that place so soon, `time_s`; the effect follows
-    `delay_s` later.
-    Effects: `acceleration_mps2` (until `until_speed_mps`, and for `lasts_s`), `target_speed_mps`, or a drift of
-    the path by `drift_m` to the left over `drift_over_m` metres.
+    Triggers (any that is set): the ego is within `ego_within_m` of the actor; the ego has reached `ego_at_s_m` of the
+    route; `ego_due` = (s_m, seconds), see `ego_is_due`; simulation time `time_s`. The effect starts `delay_s` later.
+    Effects: `acceleration_mps2` (down to `until_speed_mps`, for at most `lasts_s`), `target_speed_mps`, or a lateral
+    drift by `drift_m` to the left over `drift_over_m` metres.
     """
 
     ego_within_m: float | None = None
@@ -42,13 +41,13 @@ class Script:
     fired_at_s_m: float | None = field(default=None, init=False)
 
     def fires(self, world: World, actor: Vehicle) -> bool:
-        """Is the effect on, from this step on?"""
+        """Whether the effect is active from this step on."""
         if self.due_s is None and self._triggered(world, actor):
             self.due_s = world.time_s + self.delay_s
         return self.due_s is not None and world.time_s >= self.due_s
 
     def acceleration(self, world: World, speed_mps: float) -> float | None:
-        """What it forces upon the actor now, once it fires."""
+        """Acceleration (m/s2) that it imposes on the actor now, or None."""
         if self.acceleration_mps2 is None or self.due_s is None or world.time_s > self.due_s + self.lasts_s:
             return None
         return self.acceleration_mps2 if speed_mps > self.until_speed_mps else 0.0
@@ -64,16 +63,17 @@ class Script:
 
 
 def ego_is_due(world: World, s_m: float, seconds: float) -> bool:
-    """Does the ego's front reach `s_m` of the route within `seconds` at its speed, or is it nearly there?"""
+    """Whether the ego's front bumper reaches `s_m` of the route within `seconds` at its speed, or is nearly there."""
     left = s_m - world.front_s_m
     return left > 0.0 and (left < world.ego.speed * seconds or left < NEARLY_THERE_M)
 
 
 @dataclass(frozen=True, slots=True)
 class Meeting:
-    """Arrive at a point when the ego does: `own_s_m` on the own path is `ego_s_m` on the ego's route.
+    """Arrive at a conflict point together with the ego.
 
-    The speed is steered until the ego is `commit_m` away from the point, and kept from then on.
+    own_s_m, ego_s_m: arc length of the point on the vehicle's path and on the ego's route. speeds_mps: limits of the
+    vehicle's speed. The speed is controlled until the ego is `commit_m` away from the point, and constant after that.
     """
 
     own_s_m: float
@@ -92,15 +92,17 @@ class Meeting:
 
 @dataclass(frozen=True, slots=True)
 class Pacing:
-    """Keep the ego's speed, `gap_m` ahead of it (centre to centre, on roads that run along the route), until the
-    ego is at `until_s_m`."""
+    """Match the ego's speed at `gap_m` ahead of it, until the ego has reached `until_s_m` of the route.
+
+    gap_m: from centre to centre, as a difference of arc lengths: for paths that run along the route.
+    """
 
     gap_m: float
     until_s_m: float
     speeds_mps: tuple[float, float] = (2.0, 14.0)
 
     def acceleration(self, world: World, vehicle: PathVehicle) -> float | None:
-        """None once it is over."""
+        """Acceleration (m/s2), or None once it is over."""
         if world.route_s_m >= self.until_s_m:
             return None
         wanted = world.ego.speed + 0.5 * (world.route_s_m + self.gap_m - vehicle.s_m)

@@ -1,6 +1,6 @@
-"""Low-polygon bodies: each kind of thing as a list of coloured quads in its own frame.
+"""Low-polygon models: the body of each kind of actor as a list of coloured quads, in the actor's frame.
 
-A quad list is drawn in order, so that later quads (lamps, windows) lie over earlier ones.
+Quads are drawn in the order of the list, so later ones (lamps, windows) cover earlier ones.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ WHEEL_RADIUS_M, SKIRT_M = 0.33, 0.28
 
 @dataclass(frozen=True, slots=True)
 class Cabin:
-    """waist: its height as a share of the car's; along: (back, front) of its foot and of its roof, as shares of
-    half the car's length; bed: a loading bed behind it."""
+    """The glazed upper part of a car. waist: height of its lower edge as a share of the car's height. foot, roof:
+    (back, front) of its lower and upper edge as shares of half the car's length. bed: a loading bed behind it."""
 
     waist: float
     foot: tuple[float, float]
@@ -59,14 +59,14 @@ CABINS = {
     'suv': Cabin(0.58, (-0.96, 0.5), (-0.88, 0.2)),
     'pickup': Cabin(0.56, (-0.16, 0.5), (-0.1, 0.2), bed=True),
 }
-# Who was given no body of its own.
+# Actors without an explicit body.
 CABINS |= {'car': CABINS['sedan'], 'parked': CABINS['sedan']}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """corners_m: (Q, 4, 3). colours: (Q, 3) RGB 0..255. normals: (Q, 3). emissive: (Q,) bool, shines by itself.
-    radius_m: of the circle around its origin that holds it, seen from above."""
+    """corners_m: (Q, 4, 3). colours: (Q, 3) RGB 0..255. normals: (Q, 3). emissive: (Q,) bool, not
+    affected by the light. radius_m: of the circle around the origin that encloses the shape, seen from above."""
 
     corners_m: Float64
     colours: Float64
@@ -80,15 +80,15 @@ Colour = tuple[float, ...]
 Quad = tuple[list[tuple[float, float, float]], Colour, bool]
 
 
-def _box(x: Span, y: Span, z: Span, colour: Colour, emissive: bool = False) -> list[Quad]:
-    """Front, back, left, right, top."""
-    return _frustum(x, x, y, y, z, colour, colour, emissive)
+def _box(x: Span, y: Span, z: Span, colour: Colour, *, emissive: bool = False) -> list[Quad]:
+    """A box without a bottom: front, back, left, right, top."""
+    return _frustum(x, x, y, y, z, colour, colour, emissive=emissive)
 
 
 def _frustum(
-    x: Span, x_top: Span, y: Span, y_top: Span, z: Span, colour: Colour, top_colour: Colour, emissive: bool = False
+    x: Span, x_top: Span, y: Span, y_top: Span, z: Span, colour: Colour, top_colour: Colour, *, emissive: bool = False
 ) -> list[Quad]:
-    """A box with another rectangle for its top: front, back, left, right, top."""
+    """A box whose top is another rectangle than its base: front, back, left, right, top."""
     (x0, x1), (y0, y1), (z0, z1), (u0, u1), (v0, v1) = x, y, z, x_top, y_top
     return [
         ([(x1, y0, z0), (x1, y1, z0), (u1, v1, z1), (u1, v0, z1)], colour, emissive),
@@ -99,7 +99,7 @@ def _frustum(
     ]
 
 
-def _plate(x: float, y: Span, z: Span, colour: Colour, front: bool, emissive: bool = False) -> Quad:
+def _plate(x: float, y: Span, z: Span, colour: Colour, *, front: bool, emissive: bool = False) -> Quad:
     """A small upright quad that faces forward or backward."""
     y0, y1 = y if front else y[::-1]
     return ([(x, y0, z[0]), (x, y1, z[0]), (x, y1, z[1]), (x, y0, z[1])], colour, emissive)
@@ -129,20 +129,20 @@ def _shape(quads: list[Quad]) -> Shape:
 
 @lru_cache(maxsize=8192)
 def actor_shape(
-    body: str, colour: int, size_m: tuple[float, float, float], lamps: str, phase: int, detailed: bool
+    body: str, colour: int, size_m: tuple[float, float, float], lamps: str, phase: int, *, detailed: bool
 ) -> Shape:
     """A body of (length, width, height) `size_m`. colour: index into `PALETTE`. lamps: 'off', 'day', 'night' or
-    'brake'. phase: 0 or 1, of flashing lights and of walking legs. detailed: with what is only seen from nearby."""
+    'brake'. phase: 0 or 1, of flashing lights and of walking legs. detailed: with wheels, side windows and shadow."""
     length, width, height = size_m
     half_l, half_w = length / 2, width / 2
     paint = tuple(PALETTE[colour % len(PALETTE)])
     if body in CABINS:
-        return _shape(_car(CABINS[body], half_l, half_w, height, paint, lamps, detailed))
+        return _shape(_car(CABINS[body], half_l, half_w, height, paint, lamps, detailed=detailed))
     if body in ('van', 'parked_van'):
-        return _shape(_van(half_l, half_w, height, paint, lamps, detailed))
+        return _shape(_van(half_l, half_w, height, paint, lamps, detailed=detailed))
     if body in ('emergency', 'parked_emergency'):
         return _shape(
-            _van(half_l, half_w, height, (240.0, 240.0, 235.0), lamps, detailed)
+            _van(half_l, half_w, height, (240.0, 240.0, 235.0), lamps, detailed=detailed)
             + _emergency(half_l, half_w, height, phase)
         )
     if body == 'walker':
@@ -164,7 +164,7 @@ def actor_shape(
 
 
 def _car(
-    cabin: Cabin, half_l: float, half_w: float, height: float, paint: Colour, lamps: str, detailed: bool
+    cabin: Cabin, half_l: float, half_w: float, height: float, paint: Colour, lamps: str, *, detailed: bool
 ) -> list[Quad]:
     waist = height * cabin.waist
     along, across = (-half_l, half_l), (-half_w, half_w)
@@ -179,27 +179,31 @@ def _car(
     quads += _frustum(foot, roof, narrow, narrower, (waist, height), GLASS, paint)
     quads += _lamps(half_l, half_w, (waist - 0.32, waist - 0.08), lamps)
     if lamps == 'brake':
-        quads.append(_plate(foot[0] - 0.04, (-0.35, 0.35), (waist + 0.02, waist + 0.14), BRAKE_LIT, False, True))
+        quads.append(
+            _plate(foot[0] - 0.04, (-0.35, 0.35), (waist + 0.02, waist + 0.14), BRAKE_LIT, front=False, emissive=True)
+        )
     return quads
 
 
-def _van(half_l: float, half_w: float, height: float, paint: Colour, lamps: str, detailed: bool) -> list[Quad]:
+def _van(half_l: float, half_w: float, height: float, paint: Colour, lamps: str, *, detailed: bool) -> list[Quad]:
     glass_z = (height * 0.55, height * 0.88)
     quads = _under(half_l, half_w) if detailed else []
     quads += _box((-half_l, half_l), (-half_w, half_w), (SKIRT_M, height), paint)
-    quads.append(_plate(half_l + 0.01, (-half_w * 0.88, half_w * 0.88), glass_z, GLASS, True))
-    quads.append(_plate(-half_l - 0.01, (-half_w * 0.75, half_w * 0.75), glass_z, GLASS, False))
+    quads.append(_plate(half_l + 0.01, (-half_w * 0.88, half_w * 0.88), glass_z, GLASS, front=True))
+    quads.append(_plate(-half_l - 0.01, (-half_w * 0.75, half_w * 0.75), glass_z, GLASS, front=False))
     if detailed:
         quads += _side_plates((half_l * 0.45, half_l * 0.9), half_w + 0.01, glass_z, GLASS)
         quads += _wheels(half_l, half_w)
     quads += _lamps(half_l, half_w, (0.75, 1.05), lamps)
     if lamps == 'brake':
-        quads.append(_plate(-half_l - 0.02, (-0.35, 0.35), (height - 0.2, height - 0.06), BRAKE_LIT, False, True))
+        quads.append(
+            _plate(-half_l - 0.02, (-0.35, 0.35), (height - 0.2, height - 0.06), BRAKE_LIT, front=False, emissive=True)
+        )
     return quads
 
 
 def _under(half_l: float, half_w: float) -> list[Quad]:
-    """The dark below a car, which also ties it to the ground."""
+    """The dark area below a car."""
     return [_floor((-half_l - 0.05, half_l + 0.05), (-half_w - 0.05, half_w + 0.05), 0.01, SHADE)]
 
 
@@ -216,19 +220,19 @@ def _lamps(half_l: float, half_w: float, z: Span, lamps: str) -> list[Quad]:
     tail = BRAKE_LIT if braking else TAIL_COLOURS[lamps]
     quads = []
     for y in ((-half_w * 0.98, -half_w * 0.55), (half_w * 0.55, half_w * 0.98)):
-        quads.append(_plate(-half_l - 0.02, y, z, tail, False, lamps in ('night', 'brake')))
-        quads.append(_plate(half_l + 0.02, y, z, HEADLAMP_OFF if off else HEADLAMP, True, not off))
+        quads.append(_plate(-half_l - 0.02, y, z, tail, front=False, emissive=lamps in ('night', 'brake')))
+        quads.append(_plate(half_l + 0.02, y, z, HEADLAMP_OFF if off else HEADLAMP, front=True, emissive=not off))
     return quads
 
 
 def _emergency(half_l: float, half_w: float, height: float, phase: int) -> list[Quad]:
-    """A stripe around, and two lights on the roof that flash in turn."""
+    """A stripe around the body, and two lights on the roof that flash alternately."""
     stripe = (210.0, 40.0, 30.0)
     quads = _side_plates((-half_l, half_l), half_w + 0.02, (1.1, 1.4), stripe)
-    quads.append(_plate(-half_l - 0.02, (-half_w, half_w), (1.1, 1.3), stripe, False))
+    quads.append(_plate(-half_l - 0.02, (-half_w, half_w), (1.1, 1.3), stripe, front=False))
     left, right = FLASH[phase]
-    quads += _box((-0.3, 0.3), (-half_w * 0.8, 0.0), (height, height + 0.25), right, True)
-    quads += _box((-0.3, 0.3), (0.0, half_w * 0.8), (height, height + 0.25), left, True)
+    quads += _box((-0.3, 0.3), (-half_w * 0.8, 0.0), (height, height + 0.25), right, emissive=True)
+    quads += _box((-0.3, 0.3), (0.0, half_w * 0.8), (height, height + 0.25), left, emissive=True)
     return quads
 
 
@@ -258,7 +262,11 @@ def light_shape(colour: str) -> Shape:
     for i, name in enumerate(('green', 'yellow', 'red')):
         lit = name == colour
         z = 2.8 + 0.4 * i
-        quads.append(_plate(0.17, (-0.28, 0.28), (z, z + 0.38), LIGHT_COLOURS[name] if lit else DARK_LENS, True, lit))
+        quads.append(
+            _plate(
+                0.17, (-0.28, 0.28), (z, z + 0.38), LIGHT_COLOURS[name] if lit else DARK_LENS, front=True, emissive=lit
+            )
+        )
     return _shape(quads)
 
 

@@ -1,4 +1,4 @@
-"""Traffic lights and stop signs: where their line is on the route, and how they change."""
+"""State of traffic lights and stop signs along the route."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ STOP_SIGN_RANGE_M = 4.0
 
 @dataclass(slots=True)
 class TrafficLight:
-    """A light for the ego's approach. Green for others exactly while it is red for the ego.
+    """A traffic light for the ego's approach; cross traffic has green exactly while it is red for the ego.
 
-    line_s_m: arc length of the stop line on the route. phases: (colour, seconds) that follow one
-    another once the ego is within `trigger_m`; the first colour holds before, the last for ever.
+    line_s_m: arc length of the stop line on the route. phases: (colour, duration s), run through once the ego is
+    within `trigger_m` of the line; the light shows the first colour before that, and the last one for ever after.
+    pole_pose: x, y, yaw in `map`.
     """
 
     line_s_m: float
@@ -41,7 +42,7 @@ class TrafficLight:
 
 @dataclass(slots=True)
 class StopSign:
-    """Obeyed once the ego has stood still within `STOP_SIGN_RANGE_M` before its line."""
+    """A stop sign, obeyed once the ego has stopped within `STOP_SIGN_RANGE_M` before its line."""
 
     line_s_m: float
     pole_pose: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -1,6 +1,6 @@
-"""What differs between the pictures of two drives on one route: camera, mounting, paint and sun; never the physics.
+"""Variation of camera images between drives of one route (exposure, mounting, ground colours, sun), not of physics.
 
-`Film` puts noise and rain onto finished images.
+`ImageEffects` adds noise and rain to finished images.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from raw2drive_ros.simulation.weather import Weather
 
 SUN_AZIMUTH_RAD = math.atan2(0.25, 0.35)
 MOUNTING_SIGMA_RAD, MOUNTING_SIGMA_M = math.radians(0.3), 0.01
-# Streaks of rain: length as a share of an image's width, slant, and brightness as a share of the sky's.
+# Streaks of rain: length as a share of the image width, slant, and brightness as a share of the sky's.
 STREAK_LENGTH, STREAK_SLANT, STREAK_LIGHT = 0.07, 0.15, 0.25
-# The tile of noise and rain is so much wider than an image, and twice as high as all of them.
+# The tile of noise and rain is wider than an image by this, and twice as high as the stack of images.
 TILE_MARGIN_PX = 64
-# Keeps the generator of the pictures apart from the one that draws the route.
+# Part of the seed: keeps the generator of the images apart from the one that draws the route.
 PICTURES = 0x9C7
 
 Triple = tuple[float, float, float]
@@ -35,8 +35,8 @@ Triple = tuple[float, float, float]
 class Variation:
     """exposure: gain. gamma: exponent of the tone curve. noise: standard deviation of a pixel in grey levels of
     255. mounting: per camera ((3,) rotation vector in rad, (3,) shift in metres, both in `base_link`), empty = as
-    calibrated. asphalt, sidewalk, grass: gains of the ground's colours. line_wear: share of the paint that is gone,
-    [0, 1]. sun_azimuth_rad: where the sun stands in `map`.
+    calibrated. asphalt, sidewalk, grass: gains of the ground's colours. line_wear: share of the
+    markings that is worn away, [0, 1]. sun_azimuth_rad: azimuth of the sun in `map`.
     """
 
     exposure: float = 1.0
@@ -50,14 +50,14 @@ class Variation:
     sun_azimuth_rad: float = SUN_AZIMUTH_RAD
 
     @property
-    def is_plain_film(self) -> bool:
-        """Whether the tone curve changes nothing."""
+    def tone_curve_is_identity(self) -> bool:
+        """Whether exposure and gamma change nothing."""
         return self.exposure == 1.0 and self.gamma == 1.0
 
-    def developed(self, colours: Float64) -> Float64:
+    def tone_mapped(self, colours: Float64) -> Float64:
         """Colours after the tone curve, [0, 255]."""
         positive = np.maximum(colours, 0.0)
-        if not self.is_plain_film:
+        if not self.tone_curve_is_identity:
             positive = 255.0 * self.exposure * (positive / 255.0) ** self.gamma
         return np.minimum(positive, 255.0)
 
@@ -78,7 +78,7 @@ class Variation:
         )
 
     def mounted(self, cameras: tuple[CameraCalibration, ...]) -> tuple[CameraCalibration, ...]:
-        """Where the cameras really are; what is published of them stays nominal."""
+        """The cameras at their actual poses; the published calibrations stay the nominal ones."""
         if not self.mounting:
             return cameras
         return tuple(moved(camera, *by) for camera, by in zip(cameras, self.mounting, strict=True))
@@ -88,12 +88,12 @@ NO_VARIATION = Variation()
 
 
 def picture_rng(route: RouteId) -> Rng:
-    """The generator of an episode's pictures: the same on every machine, and in every weather."""
+    """The random generator of an episode's images: the same on every machine and in every weather."""
     return np.random.default_rng([route.seed, zlib.crc32(route.type.encode()), route.repetition, PICTURES])
 
 
-class Film:
-    """Noise and rain on a (height, width, 3) stack of images: cut-outs of one tile, elsewhere in every frame."""
+class ImageEffects:
+    """Noise and rain for a (height, width, 3) stack of images: a random crop of one tile in every frame."""
 
     def __init__(self, width: int, height: int) -> None:
         self.width, self.height = width, height
@@ -102,7 +102,7 @@ class Film:
         self._darker: NDArray[np.uint8] | None = None
 
     def load(self, weather: Weather, variation: Variation, rng: Rng) -> None:
-        """rng: places the cut-out; not used where there is neither noise nor rain."""
+        """Prepare the tile. rng: places the crop; not used where there is neither noise nor rain."""
         self.rng = rng
         sigma = math.hypot(weather.noise, variation.noise)
         self._brighter = self._darker = None
@@ -130,8 +130,8 @@ class Film:
             cv2.line(tile, line[0].tolist(), line[1].tolist(), float(grey), 1, cv2.LINE_AA)
         return cv2.cvtColor(tile, cv2.COLOR_GRAY2RGB)
 
-    def expose(self, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The images, changed in place."""
+    def apply(self, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Add noise and rain to (height, width, 3) uint8 images in place, and return them."""
         if self._brighter is None or self._darker is None:
             return images
         top, left = self.rng.integers((self.height, TILE_MARGIN_PX)).tolist()

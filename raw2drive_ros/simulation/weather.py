@@ -1,7 +1,6 @@
-"""Weathers: what light, cloud, rain, fog and night do to the camera images, and to nothing else.
+"""Weather presets: how light, clouds, rain, fog and night change the camera images, and nothing else.
 
-Names follow CARLA's presets, three times of day by seven conditions, and two with fog: 23, as many as
-Bench2Drive cycles through.
+Names follow CARLA's presets: three times of day by seven conditions, and two with fog; 23, as many as Bench2Drive uses.
 """
 
 from __future__ import annotations
@@ -13,18 +12,18 @@ import numpy as np
 from raw2drive_ros.contract import Float64
 from raw2drive_ros.errors import UnknownWeatherError
 
-# Reach and half width of the ego's head lights.
+# Range of the ego's headlights, and growth of the beam's half width per metre.
 BEAM_M, BEAM_SPREAD = 24.0, 0.5
 LAMPS_AHEAD_M = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """light: brightness of everything that does not shine by itself (1 = noon). sun: share of directed light.
-    warmth: red gain minus blue gain. fog_m: visibility, at which contrast has fallen to 1/e (inf = none).
-    rain: share of pixels hit by streaks. wet: how dark and shiny the road is, [0, 1]. noise: standard
-    deviation of pixel noise in grey levels of 255. headlights: brightness in front of the ego's head lights, added
-    to `light` (0 = off). sky_top, sky_horizon: RGB, [0, 255].
+    """light: brightness of surfaces that are not emissive (1 = noon). sun: share of directional light. warmth: red gain
+    minus blue gain. fog_m: visibility, at which contrast has fallen to 1/e (inf = none). rain: share of pixels hit by
+    streaks. wet: how dark and shiny the road is, [0, 1]. noise: standard deviation of pixel noise in grey levels of
+    255. headlights: brightness in the beam of the ego's headlights, added to `light` (0 = off). sky_top, sky_horizon:
+    RGB, [0, 255].
     """
 
     name: str
@@ -44,7 +43,7 @@ class Weather:
         return np.array([1.0 + self.warmth / 2, 1.0, 1.0 - self.warmth / 2])
 
     def beam(self, ego_xy: Float64) -> Float64:
-        """(...,) what the ego's head lights add at (..., 2) points in the ego frame."""
+        """(...,) brightness that the ego's headlights add at (..., 2) points in the ego frame."""
         ahead = np.maximum(ego_xy[..., 0] - LAMPS_AHEAD_M, 0.0)
         across = ego_xy[..., 1] / (BEAM_SPREAD * ahead + 1.0)
         rising = np.minimum(ahead / 2.0, 1.0)
@@ -73,7 +72,7 @@ def _presets() -> dict[str, Weather]:
     for time in ('Noon', 'Sunset', 'Night'):
         for condition, fields in _CONDITIONS.items():
             weather = Weather(f'{condition}{time}', **fields)
-            # Under clouds a sunset is dull.
+            # The sky of a sunset is darker under clouds.
             glow = weather.light
             if time == 'Sunset':
                 weather = replace(
@@ -106,7 +105,7 @@ WEATHER_NAMES = tuple(WEATHERS)
 
 
 def get_weather(name: str) -> Weather:
-    """Raises UnknownWeatherError."""
+    """The preset called `name`. Raises UnknownWeatherError."""
     if name not in WEATHERS:
         raise UnknownWeatherError(f'unknown weather {name!r}; known: {", ".join(WEATHER_NAMES)}')
     return WEATHERS[name]

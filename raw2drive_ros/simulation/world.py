@@ -1,4 +1,4 @@
-"""One episode's world: built from a `Scene`, stepped at physics rate. No images, no reward."""
+"""The world of one episode: built from a `Scene`, stepped at the physics rate. No images, no reward."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.leaders import find_leaders
 from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
-from raw2drive_ros.simulation.roads import ARM_TURN_RAD, RoadMap, build_road
+from raw2drive_ros.simulation.road_builder import build_road
+from raw2drive_ros.simulation.roads import ARM_TURN_RAD, RoadMap
 from raw2drive_ros.simulation.scenario import (
     DRAW_ATTEMPTS,
     ActorSpec,
@@ -40,18 +41,18 @@ CURVE_LATERAL_MPS2 = 3.0
 CURVE_BRAKING_MPS2 = 2.0
 CHECKPOINT_SPACING_M = 25.0
 ENTRY_ROOM_M = 3.0
-# Who goes around an obstacle may begin and end so much earlier and later than the reference way past it.
+# An ego on a detour may leave the route this much earlier, and return this much later, than the reference detour.
 DETOUR_MARGIN_M = 20.0
 STRAIGHT_1PM = 1e-3
-# How far repetitions of a route start from where it is drawn: along, aside, and in speed.
+# Largest change of the start in repetitions of a route: along the route (m), lateral (m), speed (m/s).
 START_JITTER = (1.0, 0.15, 0.5)
 
 
 class World:
-    """positions, headings, ...: arrays over `actors` plus the ego as the last row, refreshed each step.
+    """positions, headings, ...: arrays over `actors`, with the ego as the last row, rebuilt by `refresh`.
 
-    start_rng: moves the start a little, for repetitions of a route. way_offsets_m: (N,) lateral offset of the
-    reference way around what blocks the route, at each of the route's points.
+    start_rng: changes the start a little, for repetitions of a route. detour_offsets_m: (N,) lateral offset of the
+    reference detour around obstacles from the route, at each point of the route; 0 without an obstacle.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class World:
         self.scene, self.road = _draw(scenario, rng)
         self.route = _route_path(self.scene, self.road)
         self.speed_limits = _speed_profile(self.route, self.scene.layout.speed_limit_mps)
-        self._lay_detour()
+        self._build_detour()
         start = self.scene.route
         along, aside, faster = (0.0,) * 3 if start_rng is None else start_rng.uniform(-1.0, 1.0, 3) * START_JITTER
         self.route_s_m, self.route_lateral_m = start.start_s_m + float(along), float(aside)
@@ -90,12 +91,12 @@ class World:
         self.history: deque[tuple[list[Actor], Float64]] = deque(maxlen=HISTORY_TICKS)
         self.ego_history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_TICKS)
         self.light_history: deque[tuple[str, ...]] = deque(maxlen=HISTORY_TICKS)
-        self._refresh()
+        self.refresh()
 
     # -- stepping ---------------------------------------------------------------------------------
 
     def step(self, control: Control) -> None:
-        """One physics step of `stride` / PHYSICS_HZ: everybody decides on the same world, then moves."""
+        """One physics step of `stride` / PHYSICS_HZ: all actors decide on the same state, then all move."""
         dt = self.stride / PHYSICS_HZ
         self.ego.command = control
         self._disturb()
@@ -108,7 +109,7 @@ class World:
         self.physics_ticks += self.stride
         self.time_s = self.physics_ticks / PHYSICS_HZ
         self.actors = [actor for actor in self.actors if not actor.gone]
-        self._let_in()
+        self._spawn_due_traffic()
         self.route_s_m, self.route_lateral_m = self.route.project(
             float(self.ego.position[0]), float(self.ego.position[1]), self.route_s_m
         )
@@ -116,12 +117,12 @@ class World:
             light.update(self.time_s, self.front_s_m)
         for sign in self.stop_signs:
             sign.update(self.front_s_m, self.ego.speed)
-        self._refresh()
+        self.refresh()
 
     def fork(self, stride: int = 1) -> World:
-        """A fork that can be stepped without touching this world: for drivers that look ahead by simulating.
+        """A copy that can be stepped without changing this world, for drivers that plan by simulation.
 
-        stride: physics steps that one step of the fork makes in one go; coarser and faster.
+        stride: number of physics steps that one step of the fork replaces: larger is faster and coarser.
         """
         fork = copy.copy(self)
         fork.stride = stride
@@ -134,11 +135,11 @@ class World:
         fork.stop_signs = [copy.copy(sign) for sign in self.stop_signs]
         fork.history = deque(maxlen=1)
         fork.ego_history, fork.light_history = deque(maxlen=1), deque(maxlen=1)
-        fork._refresh()
+        fork.refresh()
         return fork
 
-    def _let_in(self) -> None:
-        """Traffic that is due drives into the world, one after another, where there is room."""
+    def _spawn_due_traffic(self) -> None:
+        """Add traffic whose time has come, one vehicle after another, each once its place is free."""
         if self.waiting and self.route_s_m >= self.waiting[0][0]:
             reached = [entry for entry in self.waiting if self.route_s_m >= entry[0]]
             self.waiting = self.waiting[len(reached) :]
@@ -168,32 +169,37 @@ class World:
         index = min(max(int(s_m * 2), 0), len(self.speed_limits) - 1)
         return float(self.speed_limits[index])
 
-    def way_offset_m(self, s_m: float) -> float:
-        """Lateral offset from the route, left positive, of the reference way past what blocks it."""
-        index = min(max(int(s_m / SPACING_M), 0), len(self.way_offsets_m) - 1)
-        return float(self.way_offsets_m[index])
+    def detour_offset_m(self, s_m: float) -> float:
+        """Lateral offset of the reference detour from the route at `s_m`, left positive."""
+        index = min(max(int(s_m / SPACING_M), 0), len(self.detour_offsets_m) - 1)
+        return float(self.detour_offsets_m[index])
 
-    def way_window(self, s_m: float, ahead_m: float) -> Float64:
-        """(M, 2) points of that way from `s_m` to `s_m + ahead_m`, 1 m apart."""
+    def detour_window(self, s_m: float, ahead_m: float) -> Float64:
+        """(M, 2) points of the reference detour from `s_m` to `s_m + ahead_m` of the route, 1 m apart."""
         first = max(0, int(s_m / SPACING_M))
-        return self.way_points_m[first : first + int(ahead_m / SPACING_M) : 2]
+        return self.detour_points_m[first : first + int(ahead_m / SPACING_M) : 2]
 
     def lateral_range_m(self, s_m: float) -> tuple[float, float]:
-        """(right, left) offsets from the route between which the ego's centre may be: (0, 0) but near a detour."""
+        """(right, left) offsets from the route between which the ego's centre may be; (0, 0) away from detours."""
         for begin, end, offset in self.detours:
             if begin - DETOUR_MARGIN_M < s_m < end + DETOUR_MARGIN_M:
                 return min(0.0, offset), max(0.0, offset)
         return 0.0, 0.0
 
     def checkpoints_m(self) -> Float64:
-        """(N, 2) sparse route for the driver: a point every `CHECKPOINT_SPACING_M`, and the goal."""
+        """(N, 2) checkpoints for the driver: a point of the route every `CHECKPOINT_SPACING_M`, and the goal."""
         stations = np.append(np.arange(0.0, self.goal_s_m, CHECKPOINT_SPACING_M), self.goal_s_m)
         return np.array([self.route.pose(float(s))[:2] for s in stations])
 
     def index_of(self, actor: Actor) -> int:
         return self._index[id(actor)]
 
-    def _refresh(self) -> None:
+    def refresh(self) -> None:
+        """Rebuild the arrays over `actors` and the ego, and add poses and light colours to the histories.
+
+        `step` and `fork` call it. Call it yourself after you changed `actors`, or moved an actor or the ego, by hand.
+        Every call adds one entry to the histories, so the BEV masks see it as one more physics step.
+        """
         everything = [*self.actors, self.ego]
         self._index = {id(actor): i for i, actor in enumerate(everything)}
         self.positions = np.array([a.position for a in everything])
@@ -208,13 +214,17 @@ class World:
 
     # -- building ---------------------------------------------------------------------------------
 
-    def _lay_detour(self) -> None:
+    def _build_detour(self) -> None:
         spec = self.scene.route
         stations = range(len(self.route.points_m))
-        self.way_offsets_m = np.array([_offset_m(spec.lane, spec.lane, spec.detour, i * SPACING_M) for i in stations])
+        self.detour_offsets_m = np.array(
+            [_offset_m(spec.lane, spec.lane, spec.detour, i * SPACING_M) for i in stations]
+        )
         yaw = self.route.headings_rad
-        self.way_points_m = self.route.points_m + self.way_offsets_m[:, None] * np.stack([-np.sin(yaw), np.cos(yaw)], 1)
-        # Stretches beside the route, from each lane change away from it to the one back, or to the route's end.
+        self.detour_points_m = self.route.points_m + self.detour_offsets_m[:, None] * np.stack(
+            [-np.sin(yaw), np.cos(yaw)], 1
+        )
+        # (start, end, lateral offset) of each detour: from the lane change away from the route to the one back, if any.
         self.detours: list[tuple[float, float, float]] = []
         for i, out in enumerate(spec.detour):
             if out.to_lane == spec.lane:
@@ -232,7 +242,7 @@ class World:
         return StopSign(entry, pole)
 
     def _junction_entry(self, junction: int, *, beyond: bool) -> tuple[float, tuple[float, float, float]]:
-        """Stop line on the route, and a pole right of the road before it, or beyond the junction."""
+        """(arc length of the stop line on the route, pose of a pole right of the road before or after the junction)."""
         site = self.road.junctions[junction]
         cos, sin = math.cos(site.heading_rad), math.sin(site.heading_rad)
         back = -site.half_size_m
@@ -273,17 +283,17 @@ class World:
             spec.kind,
             look,
             spec.scripts,
-            spec.ignores_traffic,
-            waits,
-            spec.lateral_m,
-            self._meeting(spec, path) if spec.meets_ego else spec.pacing,
-            spec.has_priority,
-            spec.time_gap_s,
-            spec.ends_at_s_m,
+            ignores_traffic=spec.ignores_traffic,
+            waits_at_m=waits,
+            lateral_m=spec.lateral_m,
+            steered=self._meeting(spec, path) if spec.meets_ego else spec.pacing,
+            has_priority=spec.has_priority,
+            time_gap_s=spec.time_gap_s,
+            ends_at_s_m=spec.ends_at_s_m,
         )
 
     def _meeting(self, spec: TrafficSpec, path: Path) -> Meeting:
-        """Where the paths of a vehicle and of the ego cross: the closest pair of points of the two."""
+        """Conflict point of a vehicle and the ego: the closest pair of points on their paths within the junction."""
         site = self.road.junctions[spec.junction]
         reach = site.half_size_m + 2.0
         own, ego = (np.abs(p.points_m - site.centre_m).max(axis=1) < reach for p in (path, self.route))
@@ -293,7 +303,7 @@ class World:
         return Meeting(float(own_at[i]) * SPACING_M, float(ego_at[j]) * SPACING_M)
 
     def _stop_line_s_m(self, spec: TrafficSpec, path: Path) -> float:
-        """Arc length on a vehicle's path of its stop line before junction `spec.junction`."""
+        """Arc length of a vehicle's stop line before junction `spec.junction`, on its path."""
         site = self.road.junctions[spec.junction]
         arm = spec.on[0] if isinstance(spec.on, tuple) else 'back'
         yaw = site.heading_rad + (math.pi if arm == 'back' else ARM_TURN_RAD[arm])
@@ -302,7 +312,7 @@ class World:
         return path.project(x, y)[0]
 
     def _traffic_path(self, spec: TrafficSpec) -> Path:
-        """Vehicles on one path share it: that is how the leader among them is found."""
+        """The path of a vehicle. Vehicles share `Path` objects, which is how `find_leaders` groups them."""
         key = (spec.on, spec.lane, spec.junction)
         if key not in self.paths:
             self.paths[key] = self._new_path(spec)
@@ -320,7 +330,7 @@ class World:
 
 
 def _draw(scenario: Scenario, rng: Rng) -> tuple[Scene, RoadMap]:
-    """Draw until the road does not run into itself; the generator's state carries on, so it stays seeded."""
+    """Draw scenes until the road does not overlap itself; one generator makes all draws, so they are reproducible."""
     for _ in range(DRAW_ATTEMPTS):
         try:
             scene = scenario.draw(rng)
@@ -350,7 +360,7 @@ def _route_path(scene: Scene, road: RoadMap) -> Path:
 
 
 def _offset_m(start_lane: float, base_lane: float, changes: tuple[LaneChange, ...], s_m: float) -> float:
-    """Lateral offset from lane `base_lane`, left positive, of who starts in `start_lane` and makes `changes`."""
+    """Lateral offset (left positive) from lane `base_lane` after starting in `start_lane` and making `changes`."""
     lane, offset = start_lane, -(start_lane - base_lane) * LANE_WIDTH_M
     for change in changes:
         offset -= (change.to_lane - lane) * LANE_WIDTH_M * smooth_step(s_m, change.s_m, change.over_m)
@@ -359,7 +369,7 @@ def _offset_m(start_lane: float, base_lane: float, changes: tuple[LaneChange, ..
 
 
 def _speed_profile(route: Path, limit_mps: float) -> Float64:
-    """AdvisedDriver speed every 0.5 m: the limit, less in curves, with braking distance before them."""
+    """Advised speed (m/s) every 0.5 m: the limit, reduced in curves and on the braking distance before them."""
     headings = route.headings_rad
     curvature = np.abs(np.gradient(headings, 0.5))
     kernel = np.ones(9) / 9

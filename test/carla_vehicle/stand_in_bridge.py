@@ -13,7 +13,7 @@ from raw2drive_ros.nodes import carla_bridge
 if __name__ == '__main__':
     types = ('Location', 'Rotation', 'Transform', 'VehicleControl')
     package = SimpleNamespace(Client=stand_in.Client, **{name: getattr(carla, name) for name in types})
-    client._package = lambda: package
+    client.import_carla = lambda: package
     stand_in.Client.world = stand_in.World()
     code = carla_bridge.main(sys.argv)
     car = stand_in.Client.world.actors[0]

@@ -26,7 +26,7 @@ def world(monkeypatch):
     monkeypatch.setattr(stand_in.Client, 'world', world)
     types = ('Location', 'Rotation', 'Transform', 'VehicleControl')
     package = SimpleNamespace(Client=stand_in.Client, **{name: getattr(carla, name) for name in types})
-    monkeypatch.setattr(client, '_package', lambda: package)
+    monkeypatch.setattr(client, 'import_carla', lambda: package)
     return world
 
 

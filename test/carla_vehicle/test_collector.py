@@ -37,5 +37,6 @@ def test_who_is_missing_is_named_and_what_comes_too_late_is_dropped() -> None:
     for name in NAMES:
         collector.put(name, 4, 'late')
         collector.put(name, 5, 'in time')
+    with pytest.raises(SensorTimeoutError, match=r'frame 4 within 0.05 s from: imu, front, back'):
+        collector.take(4)
     assert set(collector.take(5).values()) == {'in time'}
-    assert collector._found == {}

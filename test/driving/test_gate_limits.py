@@ -41,8 +41,8 @@ def test_no_limits_change_nothing(speed, reverse) -> None:
         (Control(0.0, 0.0, -0.9), {'max_steer_rate_1ps': 2.0}, Control(0.0, 0.0, -0.2), 'steer_rate'),
         (Control(1.0), {'max_speed_mps': 4.9}, STILL, 'speed'),
         (Control(0.1), {'max_speed_mps': 4.9}, STILL, 'speed'),
-        (Control(1.0, 0.0, 0.0, True), {'max_gear_speed_mps': 1.0}, Control(), 'gear'),
-        (Control(0.0, 0.5, 0.0, True), {'max_gear_speed_mps': 1.0}, Control(0.0, 0.5), 'gear'),
+        (Control(1.0, 0.0, 0.0, reverse=True), {'max_gear_speed_mps': 1.0}, Control(), 'gear'),
+        (Control(0.0, 0.5, 0.0, reverse=True), {'max_gear_speed_mps': 1.0}, Control(0.0, 0.5), 'gear'),
     ],
 )
 def test_each_limit_cuts_to_its_value(wanted, limits, expected, name) -> None:

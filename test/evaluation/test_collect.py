@@ -1,9 +1,19 @@
-"""What ends an episode of the collector."""
+"""What the collector drives, and what ends its episodes."""
 
-from raw2drive_ros.contract import Control
-from raw2drive_ros.evaluation.collect import CollectConfig, collect
+from collections import Counter
+
+import pytest
+
+from raw2drive_ros.cli.main import main
+from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.evaluation.collect import TRAIN_SEED_START, CollectConfig, collect, episode_route
 from raw2drive_ros.evaluation.world_drivers import WorldDriver
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_ticks
+from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.simulation.weather import WEATHER_NAMES
+
+# As many as there are types, and a multiple of the number of weathers.
+TYPES = tuple(f'Type{number}' for number in range(46))
 
 
 def _episodes(folder, **options) -> list[int]:
@@ -31,3 +41,81 @@ def test_an_episode_is_cut_when_the_car_stands(tmp_path) -> None:
     assert len(lengths) > 2
     # It brakes to a stop first, from at most 10 m/s.
     assert all(20 <= length <= 40 for length in lengths)
+
+
+def drawn(seed: int, episodes: int, types: tuple[str, ...] = TYPES) -> list[RouteId]:
+    config = CollectConfig(types, ticks=0, seed=seed, weathers=WEATHER_NAMES)
+    return [episode_route(config, number) for number in range(episodes)]
+
+
+def test_every_type_and_every_weather_is_driven_equally_often() -> None:
+    routes = drawn(0, 2 * len(TYPES))
+    assert Counter(route.type for route in routes) == dict.fromkeys(TYPES, 2)
+    assert Counter(route.weather for route in routes) == dict.fromkeys(WEATHER_NAMES, 4)
+    thrice = drawn(0, 8, ('A', 'A', 'A', 'B'))
+    assert Counter(route.type for route in thrice) == {'A': 6, 'B': 2}
+
+
+def test_type_and_weather_do_not_decide_on_each_other() -> None:
+    for seed in range(3):
+        pairs = {(route.type, route.weather) for route in drawn(seed, 10 * len(TYPES))}
+        # Ten draws of 23 weathers by 46 types: a type that knows only a few of them would be no accident.
+        assert min(Counter(kind for kind, _ in pairs).values()) >= 5
+        assert min(Counter(weather for _, weather in pairs).values()) >= 10
+    firsts = [{route.type: route.weather for route in drawn(seed, len(TYPES))} for seed in range(3)]
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        assert sum(firsts[one][kind] == firsts[other][kind] for kind in TYPES) < len(TYPES) // 4
+
+
+def test_every_type_meets_every_weather_over_several_collections() -> None:
+    pairs = {(route.type, route.weather) for seed in range(12) for route in drawn(seed, 1000)}
+    assert len(pairs) == len(TYPES) * len(WEATHER_NAMES)
+
+
+def test_short_collections_reach_every_type_between_them() -> None:
+    assert {route.type for seed in range(40) for route in drawn(seed, 8)} == set(TYPES)
+    assert [route.type for route in drawn(0, 46)] != [route.type for route in drawn(1, 46)]
+
+
+def test_an_episode_is_known_by_its_number_alone() -> None:
+    config = CollectConfig(TYPES, ticks=0, seed=3, weathers=WEATHER_NAMES)
+    assert episode_route(config, 777) == drawn(3, 800)[777] == episode_route(config, 777)
+    one = CollectConfig(('Accident',), ticks=0, seed=3)
+    assert episode_route(one, 7) == RouteId('Accident', TRAIN_SEED_START + 30_007)
+
+
+@pytest.mark.parametrize('bag_ticks', [1, 7, 1000])
+def test_the_routes_are_the_same_whatever_the_size_of_a_bag(tmp_path, bag_ticks) -> None:
+    driven: list[RouteId] = []
+
+    class Braking:
+        needs_cameras = needs_bev = False
+
+        def reset(self, seed: int) -> None:
+            driven.append(RouteId('', seed))
+
+        def control(self, env, frame, tick) -> Decision:
+            driven[-1] = env.route_id
+            return Decision(frame.stamp_ns, Control(0.0, 1.0))
+
+    config = CollectConfig(
+        ('VanillaNonSignalizedTurn', 'HardBreakRoute', 'T_Junction'),
+        ticks=15,
+        seed=2,
+        cameras=False,
+        episode_ticks=3,
+        bag_ticks=bag_ticks,
+        weathers=WEATHER_NAMES,
+    )
+    for _ in collect(tmp_path, config, Braking(), {}):
+        pass
+    assert driven == [episode_route(config, number) for number in range(5)]
+    assert len(find_bags([tmp_path])) == {1: 5, 7: 2, 1000: 1}[bag_ticks]
+
+
+def test_a_negative_seed_is_refused(tmp_path, capsys) -> None:
+    with pytest.raises(ValueError, match='seed -1'):
+        CollectConfig(TYPES, ticks=1, seed=-1)
+    assert main(['collect', '--seed', '-1', '--out', str(tmp_path / 'bags')]) == 2
+    assert '--seed -1: give 0 or more' in capsys.readouterr().err
+    assert not (tmp_path / 'bags').exists()

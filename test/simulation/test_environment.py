@@ -69,7 +69,7 @@ def test_braking_ends_at_standstill_and_does_not_reverse() -> None:
 def test_reverse_drives_backwards() -> None:
     env = DrivingEnv(FAST)
     first, _ = env.reset(seed=0)
-    last = drive(env, Control(0.5, 0.0, 0.0, True), 15)
+    last = drive(env, Control(0.5, 0.0, 0.0, reverse=True), 15)
     assert last.sensors.odometry.x_m < first.sensors.odometry.x_m
     assert last.sensors.odometry.speed_mps < 0
 

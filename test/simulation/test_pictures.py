@@ -40,7 +40,7 @@ def test_an_obstacle_ahead_and_to_the_right_is_up_and_right_in_the_masks(env) ->
     ego = world.ego
     ego.position[:] = (barrier.position[0] - 20.0, barrier.position[1] + 6.0)
     ego.heading = 0.0
-    world._refresh()
+    world.refresh()
     obstacle = env.bev.render()[CHANNELS.index('obstacle@now')]
     rows, columns = np.nonzero(obstacle)
     nearest = rows.argmin()
@@ -53,10 +53,10 @@ def test_front_camera_projects_an_obstacle_where_its_calibration_says(env) -> No
     barrier = next(a for a in world.actors if a.kind == 'barrier')
     world.ego.position[:] = (barrier.position[0] - 15.0, barrier.position[1])
     world.ego.heading = 0.0
-    world._refresh()
+    world.refresh()
     before = env.renderer.render()['front'].astype(int)
     world.actors.remove(barrier)
-    world._refresh()
+    world.refresh()
     after = env.renderer.render()['front'].astype(int)
     changed = np.abs(before - after).max(axis=2) > 40
     rows, columns = np.nonzero(changed)
@@ -84,7 +84,7 @@ def road() -> DrivingEnv:
     env = DrivingEnv(SimulationConfig())
     env.reset(seed=0)
     env.world.actors.clear()
-    env.world._refresh()
+    env.world.refresh()
     return env
 
 
@@ -93,7 +93,7 @@ def put(env: DrivingEnv, ahead_m: float, left_m: float, body: str, turned_rad: f
     x, y, yaw = world.route.pose(world.route_s_m + ahead_m, left_m)
     kind = 'parked' if body in BODIES_M else body
     world.actors = [StandingObject(x, y, yaw + turned_rad, kind, Look(body))]
-    world._refresh()
+    world.refresh()
     return world.actors[0]
 
 
@@ -138,7 +138,7 @@ def test_bodies_of_a_kind_look_different(road) -> None:
     for i, one in enumerate(seen):
         for other in seen[:i]:
             assert (np.abs(one - other).max(axis=2) > 20).sum() > 40
-    shapes = [actor_shape(body, 0, (4.5, 1.9, 1.6), 'day', 0, True) for body in BODIES_M]
+    shapes = [actor_shape(body, 0, (4.5, 1.9, 1.6), 'day', 0, detailed=True) for body in BODIES_M]
     assert len({shape.corners_m.tobytes() for shape in shapes}) == len(BODIES_M)
 
 
@@ -146,7 +146,7 @@ def test_bodies_of_a_kind_look_different(road) -> None:
 @pytest.mark.parametrize('lamps', ['off', 'day', 'night', 'brake'])
 def test_shapes_are_as_large_as_the_actor_and_stand_on_the_ground(body, lamps) -> None:
     size = BODIES_M.get(body) or SIZES_M[body]
-    shape = actor_shape(body, 3, size, lamps, 0, True)
+    shape = actor_shape(body, 3, size, lamps, 0, detailed=True)
     extent = np.ptp(shape.corners_m.reshape(-1, 3), axis=0)
     assert extent[0] <= size[0] + 0.15
     assert extent[1] <= size[1] + 0.15
@@ -181,7 +181,7 @@ def test_legs_swing_and_lights_flash(road) -> None:
     van = PathVehicle(world.route, world.route_s_m + 12.0, 5.0, 5.0, 'emergency', lateral_m=3.5)
     for actor in (walker, van):
         world.actors = [actor]
-        world._refresh()
+        world.refresh()
         world.time_s = 0.0
         first = pictures(road)['front']
         world.time_s = 0.25

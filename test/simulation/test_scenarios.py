@@ -105,7 +105,7 @@ def test_who_has_priority_does_not_brake_for_a_crossing_ego_but_for_a_standing_o
     world.ego.heading = yaw + np.pi / 2
     for speed, brakes in ((4.0, False), (0.0, True)):
         world.ego.speed = speed
-        world._refresh()
+        world.refresh()
         find_leaders(world, [car])
         car.think(world)
         assert (car.command_acceleration < -2.0) == brakes, speed
@@ -151,7 +151,7 @@ def test_obstacles_stand_on_the_route_and_the_way_past_them_does_not() -> None:
     )
     assert blocker < 1.0
     middle = (begin + end) / 2
-    assert world.way_offset_m(middle) == pytest.approx(offset)
+    assert world.detour_offset_m(middle) == pytest.approx(offset)
     assert world.lateral_range_m(middle) == (0.0, offset)
     assert world.lateral_range_m(begin - 50.0) == (0.0, 0.0)
 
@@ -217,6 +217,6 @@ def test_traffic_of_a_later_event_waits_for_the_ego() -> None:
         world.step(Control(0.0, 1.0))
     assert len(world.waiting) == waiting
     world.route_s_m = first + 1.0
-    world._let_in()
+    world.step(Control(0.0, 1.0))
     assert len(world.waiting) < waiting
     assert world.fork().waiting is not world.waiting

@@ -31,7 +31,7 @@ def env(drawn) -> DrivingEnv:
     """An empty road in front of the ego, and behind it."""
     drawn.world.actors.clear()
     drawn.world.lights, drawn.world.stop_signs = [], []
-    drawn.world._refresh()
+    drawn.world.refresh()
     return drawn
 
 
@@ -45,7 +45,7 @@ def view(
 def car_picture(env: DrivingEnv, ahead_m: float, weather: str, colour: int = 0) -> np.ndarray:
     world = env.world
     world.actors = [PathVehicle(world.route, world.route_s_m + ahead_m, 5.0, 5.0, look=Look('sedan', colour))]
-    world._refresh()
+    world.refresh()
     return view(env, weather)
 
 
@@ -135,7 +135,7 @@ def test_without_lamps_too_a_car_12_m_behind_can_be_seen(env, name) -> None:
     empty = view(env, name, camera='back')
     x, y, yaw = world.route.pose(world.route_s_m - 12.0)
     world.actors = [StandingObject(x, y, yaw, 'parked', Look('sedan', 4))]
-    world._refresh()
+    world.refresh()
     assert (np.abs(view(env, name, camera='back') - empty).max(axis=2) > 12).sum() >= 10
 
 
@@ -160,7 +160,7 @@ def test_head_lights_shine_on_what_stands_ahead(env) -> None:
     world = env.world
     x, y, yaw = world.route.pose(world.route_s_m + 10.0)
     world.actors = [StandingObject(x, y, yaw, 'barrier')]
-    world._refresh()
+    world.refresh()
     night = replace(get_weather('ClearNight'), noise=0.0)
     means = []
     for weather in (night, replace(night, headlights=0.0)):
@@ -169,7 +169,7 @@ def test_head_lights_shine_on_what_stands_ahead(env) -> None:
     assert means[0] > 1.3 * means[1]
 
 
-def drive(seed: int, repetition: int, weather: str = CLEAR, vary: bool = False) -> list[np.ndarray]:
+def drive(seed: int, repetition: int, weather: str = CLEAR, *, vary: bool = False) -> list[np.ndarray]:
     env = DrivingEnv(SimulationConfig(bev=False, vary=vary))
     tick, _ = env.reset(seed=seed, options={'weather': weather, 'repetition': repetition})
     ticks = [tick, env.step(Control(0.3))[0]]

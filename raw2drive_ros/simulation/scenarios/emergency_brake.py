@@ -1,4 +1,4 @@
-"""Emergency brake: something appears or stops in front of the ego."""
+"""Ability EmergencyBrake: something appears or stops in front of the ego."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from raw2drive_ros.simulation.scripts import Pacing, Script
 
 @scenario('HardBreakRoute', 'EmergencyBrake')
 def hard_brake(rng: Rng) -> Scene:
-    """The leader brakes hard, stands, and drives on."""
+    """The leading vehicle brakes hard, stops, and drives on."""
     speed = float(rng.uniform(6, 10))
     trigger = float(rng.uniform(60, 90))
     leader = TrafficSpec(
@@ -109,7 +109,7 @@ def pedestrian_crossing(rng: Rng) -> Scene:
 
 @scenario('ParkingCrossingPedestrian', 'EmergencyBrake')
 def parking_crossing_pedestrian(rng: Rng) -> Scene:
-    """A pedestrian steps out between two cars of a parked row."""
+    """A pedestrian steps out from between two parked cars."""
     where = float(rng.uniform(60, 95))
     aside = -(LANE_WIDTH_M / 2 + 1.2)
     row = tuple(StandingSpec('parked', where + gap, aside) for gap in (-17.5, -10.5, -3.4, 4.2, 11.5))
@@ -120,7 +120,7 @@ def parking_crossing_pedestrian(rng: Rng) -> Scene:
 
 @scenario('StaticCutIn', 'EmergencyBrake')
 def static_cut_in(rng: Rng) -> Scene:
-    """The right lane is a standing queue; one car of it cuts into the ego's lane."""
+    """The right lane is a queue of standing cars; one of them cuts into the ego's lane."""
     where = float(rng.uniform(60, 90))
     queue = tuple(StandingSpec('parked', where + gap, -LANE_WIDTH_M) for gap in (-22.0, -14.5, 14.0, 21.5, 29.0))
     due = (where, float(rng.uniform(1.9, 2.4)))
@@ -142,7 +142,7 @@ def static_cut_in(rng: Rng) -> Scene:
 
 @scenario('BlockedIntersection', 'EmergencyBrake', 'TrafficSign')
 def blocked_intersection(rng: Rng) -> Scene:
-    """A car stands just behind the turn, out of sight, and drives on after a while."""
+    """A car stands just after the turn, out of sight, and drives on after a while."""
     turn = str(rng.choice(('left', 'right')))
     straight = float(rng.uniform(45, 65))
     exit_m = straight + turn_length_m(turn)

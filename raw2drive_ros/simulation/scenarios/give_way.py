@@ -1,4 +1,4 @@
-"""Give way: somebody else's path must be left free."""
+"""Ability GiveWay: the ego has to leave room for other vehicles."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def invading_turn(rng: Rng) -> Scene:
 
 
 def emergency_vehicle_is_past(world: World) -> str | None:
-    """An infraction when the drive ends with the emergency vehicle still held up behind the ego."""
+    """Infraction `yield_emergency` where the drive ends with the emergency vehicle still behind the ego, else None."""
     if world.goal_s_m - world.route_s_m > 11.0:
         return None
     for actor in world.actors:
@@ -43,7 +43,7 @@ def emergency_vehicle_is_past(world: World) -> str | None:
 
 @scenario('YieldToEmergencyVehicle', 'GiveWay', rule=emergency_vehicle_is_past)
 def emergency_vehicle(rng: Rng) -> Scene:
-    """An emergency vehicle comes from behind in the ego's lane: the ego has to move aside, into traffic."""
+    """An emergency vehicle approaches from behind in the ego's lane: the ego has to change lanes into traffic."""
     vehicle = TrafficSpec(
         'forward', s_m=0.5, speed_mps=0.0, lane=0, target_speed_mps=float(rng.uniform(13, 15)), kind='emergency'
     )

@@ -1,4 +1,4 @@
-"""Empty roads with curves and junction turns: the first thing a driver has to learn."""
+"""Empty roads with curves and junction turns: practice routes, where training begins."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _winding_pieces(rng: Rng, sections: int) -> tuple[Piece, ...]:
 
 
 def _arms(rng: Rng, turn: str) -> tuple[str, ...]:
-    """The arms of a junction: all three, or all but one that the route does not take."""
+    """The arms of a junction: all three, or one that the route does not take left out."""
     others = [arm for arm in ('left', 'right', 'ahead') if arm != turn]
     drop = str(rng.choice([*others, 'none']))
     return tuple(arm for arm in ('left', 'right', 'ahead') if arm != drop)
@@ -37,7 +37,7 @@ def lane_following(rng: Rng) -> Scene:
 
 @scenario('JunctionTurns')
 def junction_turns(rng: Rng) -> Scene:
-    """Three junctions in a row, turned at more often than not: where drivers of empty roads fail most."""
+    """Three junctions in a row, with a turn at most of them, on an empty two-way road."""
     pieces: list[Piece] = [Straight(float(rng.uniform(20, 35)))]
     for _ in range(3):
         turn = str(rng.choice(('left', 'left', 'right', 'right', 'ahead')))

@@ -1,4 +1,4 @@
-"""Long routes: two kilometres and more with one event after another, as Leaderboard 2.0's validation routes have."""
+"""Long routes: two kilometres and more with a series of events, like the validation routes of Leaderboard 2.0."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LENGTH_M = 2000.0
 
 
 def chainable_draws() -> list[Callable[[Rng], Scene]]:
-    """The benchmark types that fit onto a road with one lane each way and have no rule of their own, by name."""
+    """Draw functions of the benchmark types that fit onto a road with one lane each way and have no own rule."""
     return [
         kind.draw
         for kind in load_scenarios().values()

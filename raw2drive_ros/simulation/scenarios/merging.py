@@ -1,4 +1,4 @@
-"""Merging on roads, ramps and from the kerb: the ego joins a stream of traffic."""
+"""Ability Merging, on roads, ramps and from a parking bay: the ego joins a flow of traffic."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from raw2drive_ros.simulation.scenario import (
 )
 from raw2drive_ros.simulation.scripts import Pacing, Script
 
-# Headways of a stream that runs along with the ego, and the gaps in it that a car fits into.
+# Headways in a flow of traffic in the ego's direction, and the gaps that are large enough for the ego.
 ALONG_S, ROOM_S = (1.6, 2.0), (4.2, 5.2)
 
 
 @scenario('MergerIntoSlowTraffic', 'Merging')
 def merge_from_ramp(rng: Rng) -> Scene:
-    """The ego comes up a ramp and merges into slow traffic."""
+    """The ego merges from an on-ramp into slow traffic."""
     speed = float(rng.uniform(6, 8))
     layout = RoadLayout((Straight(130), Straight(110, ramp=True), Straight(110)), 2, 0, 13.0)
     times = group_times(rng, float(rng.uniform(9, 11)), 21.0, ALONG_S, ROOM_S, 9.0, groups=3)
@@ -31,7 +31,7 @@ def merge_from_ramp(rng: Rng) -> Scene:
 
 @scenario('MergerIntoSlowTrafficV2', 'Merging')
 def merge_from_ramp_into_dense_traffic(rng: Rng) -> Scene:
-    """The ego comes up a ramp beside a three-lane road whose right lane crawls."""
+    """The ego merges from an on-ramp into the slow right lane of a three-lane road."""
     speed = float(rng.uniform(4, 6))
     layout = RoadLayout((Straight(130), Straight(120, ramp=True), Straight(110)), 3, 0, 13.0)
     times = group_times(rng, float(rng.uniform(9, 11)), 24.0, (2.0, 2.5), (5.0, 6.5), 12.0, groups=3)
@@ -42,7 +42,7 @@ def merge_from_ramp_into_dense_traffic(rng: Rng) -> Scene:
 
 @scenario('HighwayCutIn', 'Merging')
 def highway_cut_in(rng: Rng) -> Scene:
-    """A car on the left lane keeps beside the ego, then cuts in close ahead and brakes."""
+    """A car in the left lane keeps pace with the ego, then cuts in close ahead and brakes."""
     speed = float(rng.uniform(8, 11))
     where = float(rng.uniform(55, 85))
     cutter = TrafficSpec(
@@ -63,7 +63,7 @@ def highway_cut_in(rng: Rng) -> Scene:
 
 @scenario('SequentialLaneChange', 'Merging')
 def sequential_lane_change(rng: Rng) -> Scene:
-    """The route asks for two lane changes through moving traffic."""
+    """The route requires two lane changes through moving traffic."""
     speed = float(rng.uniform(6.5, 8.5))
     start = int(rng.choice((0, 2)))
     first, second = float(rng.uniform(65, 80)), float(rng.uniform(140, 155))
@@ -105,7 +105,7 @@ def parking_exit(rng: Rng) -> Scene:
     """The ego leaves a parking bay between parked cars and joins the lane beside it."""
     bay = (LANE_WIDTH_M / 2 + 1.3) / LANE_WIDTH_M
     start = 30.0
-    # Spots of the row lie on the bay's line: the route has left it further on, hence the offset there.
+    # All parked cars stand in one row. The route leaves it, so those further on have a lateral offset from the route.
     before = tuple(StandingSpec('parked', s, 0.0) for s in (start - 17.0, start - 8.0))
     after = tuple(StandingSpec('parked', start + s, -bay * LANE_WIDTH_M) for s in (26.0, 33.0))
     speed = float(rng.uniform(5.5, 7.5))

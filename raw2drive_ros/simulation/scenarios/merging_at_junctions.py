@@ -1,4 +1,4 @@
-"""Merging at junctions: the ego turns across or into a stream of traffic."""
+"""Ability Merging, at junctions: the ego turns across or into a flow of traffic."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GREEN = (('green', 120.0),)
 T_FROM_STEM = ('left', 'right')
 
 
-# Where paths over a junction meet the ego's: the length of an arm, and half a junction.
+# Arc length at which paths across a junction meet the ego's: the length of an arm plus half the junction.
 MEETING_S_M = ARM_LENGTH_M + CORNER_RADIUS_M + LANE_WIDTH_M
 
 
@@ -31,7 +31,7 @@ def _flow(
     until_s: tuple[float, float] = (11.5, 16.0),
     gap_s: tuple[float, float] = (6.5, 8.5),
 ) -> tuple[TrafficSpec, ...]:
-    """A stream with right of way: a tight group while the ego arrives, a gap, and another group."""
+    """A flow with right of way: a dense platoon while the ego arrives, a gap, and another platoon."""
     times = group_times(rng, float(rng.uniform(*from_s)), float(rng.uniform(*until_s)), headway_s, gap_s)
     return arriving(times, on, MEETING_S_M, float(rng.uniform(*speed_mps)), kind=kind)
 
@@ -68,26 +68,26 @@ def left_turn_enter_flow(rng: Rng) -> Scene:
 
 @scenario('SignalizedJunctionLeftTurn', 'Merging', 'TrafficSign')
 def signalized_left_turn(rng: Rng) -> Scene:
-    """Green for both: turn left across oncoming traffic."""
+    """Green light for both directions: turn left across oncoming traffic."""
     return _with_light('left', _flow(rng, ('ahead', 'back'), from_s=(4.0, 5.5)))
 
 
 @scenario('SignalizedJunctionRightTurn', 'Merging', 'TrafficSign')
 def signalized_right_turn(rng: Rng) -> Scene:
-    """Green: turn right into a road that a stream from the left uses."""
+    """Green light: turn right into traffic from the left."""
     return _with_light('right', _flow(rng, ('left', 'right'), from_s=(4.0, 5.5)))
 
 
 @scenario('SignalizedJunctionLeftTurnEnterFlow', 'Merging', 'TrafficSign')
 def signalized_left_turn_enter_flow(rng: Rng) -> Scene:
-    """Green after red: turn left into a road that a stream from the right uses."""
+    """Green light after red: turn left into traffic from the right."""
     phases = (('red', float(rng.uniform(3, 6))), ('green', 120.0))
     return _with_light('left', _flow(rng, ('right', 'left'), from_s=(5.0, 7.0), until_s=(15.0, 19.0)), phases)
 
 
 @scenario('EnterActorFlow', 'Merging', 'TrafficSign')
 def enter_actor_flow(rng: Rng) -> Scene:
-    """From the stem of a T junction, turn right into a steady flow."""
+    """From the stem of a T junction, turn right into a steady flow of traffic."""
     return _scene('right', _flow(rng, ('left', 'right'), (6.5, 9.0)), T_FROM_STEM)
 
 
@@ -102,14 +102,14 @@ def crossing_bicycle_flow(rng: Rng) -> Scene:
 
 @scenario('InterurbanActorFlow', 'Merging')
 def interurban_actor_flow(rng: Rng) -> Scene:
-    """Leave an interurban road to the left, across its fast oncoming flow."""
+    """Turn left off an interurban road, across its fast oncoming traffic."""
     flow = _flow(rng, ('ahead', 'back'), (8.0, 10.5), from_s=(3.5, 5.0))
     return _scene('left', flow, ('left', 'ahead'), straight=65.0, limit=12.0)
 
 
 @scenario('InterurbanAdvancedActorFlow', 'Merging')
 def interurban_advanced_actor_flow(rng: Rng) -> Scene:
-    """Enter an interurban road from the side, turning left: across one fast flow and into the other."""
+    """Turn left onto an interurban road: across one fast flow of traffic and into the other."""
     near = _flow(rng, ('left', 'right'), (7.0, 9.0), until_s=(9.0, 10.0), gap_s=(12.0, 14.0))
     far = _flow(rng, ('right', 'left'), (7.0, 9.0), until_s=(11.0, 13.0), gap_s=(9.0, 11.0))
     return _scene('left', (*near, *far), T_FROM_STEM, limit=11.0)

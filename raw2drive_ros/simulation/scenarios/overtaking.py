@@ -1,4 +1,4 @@
-"""Overtaking: something blocks the lane, and another lane leads past it."""
+"""Ability Overtaking: an obstacle blocks the lane, and another lane leads past it."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from raw2drive_ros.simulation.scenario import (
 
 
 def _past(where_m: float, lane: int) -> tuple[LaneChange, ...]:
-    """The way around an obstacle at `where_m`: out before it and back after it."""
+    """Lane changes of the detour around an obstacle at `where_m`: to the left before it and back after it."""
     return (LaneChange(where_m - 42, lane - 1, 26), LaneChange(where_m + 12, lane, 26))
 
 
 def _left_lane(rng: Rng, where_m: float) -> tuple[TrafficSpec, ...]:
-    """A stream in the left lane that is beside the obstacle at `where_m` when the ego arrives there."""
+    """A flow of traffic in the left lane that passes the obstacle at `where_m` when the ego arrives there."""
     times = group_times(rng, float(rng.uniform(4, 6)), float(rng.uniform(14, 19)), (1.6, 2.0), (5.0, 6.5), groups=3)
     return arriving(times, 'forward', where_m - 25.0, float(rng.uniform(7.0, 9.0)), has_priority=False)
 
 
 def _past_oncoming(where_m: float, length_m: float, lane: float = -1) -> tuple[LaneChange, ...]:
-    """The way through the oncoming lane (or part of it) around something `length_m` long that ends at `where_m`."""
+    """Lane changes of the detour through (part of) the oncoming lane, around an obstacle `length_m` long that ends at
+    `where_m`."""
     return (LaneChange(where_m - length_m - 24, lane, 18), LaneChange(where_m + 6, 0, 18))
 
 
 def _oncoming(rng: Rng, first_m: float, count: int) -> tuple[TrafficSpec, ...]:
-    """Cars in the oncoming lane, the first `first_m` from the far end of the road, with one long gap among them."""
+    """Oncoming cars, the first one `first_m` from the far end of the road, with one long gap between them."""
     speed = float(rng.uniform(5.5, 8.0))
     cars, s = [], first_m
     long_gap = int(rng.integers(1, count)) if count > 1 else 0
@@ -45,7 +46,7 @@ def _oncoming(rng: Rng, first_m: float, count: int) -> tuple[TrafficSpec, ...]:
 
 
 def _crash(rng: Rng, where_m: float, lateral_m: float) -> tuple[StandingSpec, ...]:
-    """Two cars that have run into each other, and a police van behind them."""
+    """Two crashed cars, and a police van behind them."""
     turned = float(rng.uniform(0.15, 0.35)) * float(rng.choice((-1, 1)))
     return (
         StandingSpec('parked_emergency', where_m - 13.5, lateral_m),
@@ -77,14 +78,14 @@ def construction(rng: Rng) -> Scene:
 
 @scenario('HazardAtSideLane', 'Overtaking')
 def slow_cyclists(rng: Rng) -> Scene:
-    """Slow cyclists ride in the right lane, towards its edge; traffic flows in the left one."""
+    """Slow cyclists ride near the edge of the right lane; traffic flows in the left one."""
     where = float(rng.uniform(55, 70))
     speed = float(rng.uniform(1.2, 1.8))
     riders = tuple(
         TrafficSpec('forward', where + gap, speed, kind='cyclist', lateral_m=-1.0, ignores_traffic=True)
         for gap in (0.0, 4.0)
     )
-    # Out early and back late: the riders move on while the ego passes.
+    # Long before and long after: the cyclists move on while the ego passes them.
     detour = (LaneChange(where - 32, 0, 25), LaneChange(where + 65, 1, 30))
     layout = RoadLayout((Straight(240),), 2, 0, 11.0)
     times = group_times(rng, float(rng.uniform(2, 4)), float(rng.uniform(10, 14)), (1.6, 2.0), (5.0, 6.5))
@@ -104,7 +105,7 @@ def accident(rng: Rng) -> Scene:
 
 @scenario('AccidentTwoWays', 'Overtaking')
 def accident_two_ways(rng: Rng) -> Scene:
-    """Two crashed cars and a police van block the ego's only lane; the way past is the oncoming one."""
+    """Two crashed cars and a police van block the ego's only lane; the detour leads through the oncoming one."""
     where = float(rng.uniform(95, 115))
     layout = RoadLayout((Straight(230),), 1, 1, 10.0, shoulder_m=1.5)
     blockers = _crash(rng, where, 0.0)
@@ -138,7 +139,7 @@ def construction_two_ways(rng: Rng) -> Scene:
 
 @scenario('HazardAtSideLaneTwoWays', 'Overtaking')
 def slow_cyclists_two_ways(rng: Rng) -> Scene:
-    """Slow cyclists at the edge of the ego's only lane; passing them takes most of the oncoming one."""
+    """Slow cyclists ride near the edge of the ego's only lane; passing them takes most of the oncoming one."""
     where = float(rng.uniform(60, 75))
     speed = float(rng.uniform(1.2, 1.8))
     riders = tuple(
@@ -153,7 +154,7 @@ def slow_cyclists_two_ways(rng: Rng) -> Scene:
 
 @scenario('VehicleOpensDoorTwoWays', 'Overtaking')
 def opening_door(rng: Rng) -> Scene:
-    """The door of a parked car opens into the ego's lane; the way past needs a part of the oncoming one."""
+    """The door of a parked car opens into the ego's lane; passing it takes a part of the oncoming one."""
     where = float(rng.uniform(65, 95))
     beside = -(LANE_WIDTH_M / 2 + 0.75 + float(rng.uniform(0.0, 0.2)))
     parked = tuple(StandingSpec('parked', where + gap, beside) for gap in (-7.0, 0.0, 7.5))

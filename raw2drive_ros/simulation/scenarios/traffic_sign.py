@@ -1,4 +1,4 @@
-"""Traffic signs and lights: what the paint and the poles ask for."""
+"""Ability TrafficSign: traffic lights, stop signs and plain junctions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _turn(rng: Rng) -> str:
 
 @scenario('VanillaSignalizedTurnEncounterRedLight', 'TrafficSign')
 def red_light(rng: Rng) -> Scene:
-    """The light is red, then turns green; cross traffic uses the red phase."""
+    """The light is red, then turns green; cross traffic passes during the red phase."""
     crossing = tuple(TrafficSpec(('left', 'right'), float(s), 7.0, obeys_light=True) for s in (15, 32))
     light = LightSpec(0, (('red', float(rng.uniform(9, 14))), ('green', 60.0)))
     layout = RoadLayout((Straight(70), Junction(_turn(rng), control='light'), Straight(60)), 1, 1, 9.0)
@@ -45,7 +45,7 @@ def stop_sign(rng: Rng) -> Scene:
 
 @scenario('T_Junction', 'TrafficSign')
 def t_junction(rng: Rng) -> Scene:
-    """The road ends at a T junction; a group of cars uses the road across."""
+    """The road ends at a T junction; a platoon of cars passes on the road across."""
     turn = str(rng.choice(('left', 'right')))
     source, target = (('left', 'right'), ('right', 'left'))[int(rng.integers(0, 2))]
     times = group_times(rng, float(rng.uniform(4, 6)), float(rng.uniform(11, 15)), groups=1)
@@ -56,7 +56,7 @@ def t_junction(rng: Rng) -> Scene:
 
 @scenario('VanillaNonSignalizedTurn', 'TrafficSign')
 def plain_turn(rng: Rng) -> Scene:
-    """A junction without lights or signs, and nobody else."""
+    """A junction without lights, signs or other traffic."""
     turn = _turn(rng)
     layout = RoadLayout((Straight(float(rng.uniform(50, 80))), Junction(turn), Straight(60)), 1, 1, 9.0)
     return Scene(layout, RouteSpec(start_speed_mps=4.0))

@@ -1,0 +1,32 @@
+"""What the tests of the gate share: both clocks, proposals, a gate that drives."""
+
+from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.driving.gate import Gate, GateState, Moment
+
+WANTED = Control(0.5, 0.0, 0.2)
+
+PERIOD_S = 0.1
+
+
+def at(seconds: float) -> Moment:
+    """Both clocks run alike; the steady one has its own zero."""
+    return Moment(seconds + 1000.0, seconds)
+
+
+def proposal(seconds: float, control: Control = WANTED) -> Decision:
+    return Decision(round(seconds * 1e9), control)
+
+
+def driving_gate(**options) -> Gate:
+    gate = Gate(**options)
+    gate.propose(proposal(0.0), at(0.0))
+    assert gate.state is GateState.DRIVING
+    return gate
+
+
+def drive(gate: Gate, start_s: float, ticks: int, control: Control = WANTED) -> Control:
+    answer = control
+    for i in range(ticks):
+        now_s = start_s + i * PERIOD_S
+        answer = gate.propose(proposal(now_s, control), at(now_s))
+    return answer

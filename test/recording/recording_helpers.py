@@ -1,0 +1,28 @@
+"""What the tests of recordings share: messages as bytes, read from a bag or made."""
+
+from pathlib import Path
+
+import numpy as np
+
+from msg_adapters.diagnostics import diagnostics_to_message
+from msg_adapters.factory import RosbagsFactory
+from msg_adapters.sensors import odometry_to_message, route_to_message
+from raw2drive_ros import topics
+from raw2drive_ros.contract import OdometrySample, Route
+from raw2drive_ros.recording.bag_reader import open_bag
+
+
+def messages_of(bag: Path) -> list[tuple[str, int, bytes]]:
+    with open_bag(bag) as reader:
+        return [(c.topic, stamp, bytes(data)) for c, stamp, data in reader.messages()]
+
+
+def raw_message(topic: str, stamp_ns: int, x_m: float = 0.0) -> tuple[str, int, bytes]:
+    factory = RosbagsFactory()
+    if topic == topics.ROUTE:
+        message = route_to_message(factory, Route(stamp_ns, np.array([[0.0, 0.0], [30.0, 0.0]])))
+    elif topic == topics.DIAGNOSTICS:
+        message = diagnostics_to_message(factory, 'x', 0, 'fine', {}, stamp_ns)
+    else:
+        message = odometry_to_message(factory, OdometrySample(stamp_ns, x_m, 0.0, 0.0, 0.0, 0.0))
+    return topic, stamp_ns, factory.serialize(message, topics.BY_NAME[topic].msgtype)
