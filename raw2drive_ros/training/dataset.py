@@ -145,9 +145,10 @@ def _fill(
     if cameras and images is not None:
         images.flush()
     if not advised and provenance_of(path).get('driver') == DEMONSTRATOR:
-        same_episode = flags[1:n] & FIRST == 0
+        same_episode = (flags[1:n] & FIRST) == 0
         advice[: n - 1][same_episode] = action[1:n][same_episode]
-    for name, value in zip(ARRAYS, (masks, ego, vector, action, advice, reward, flags), strict=True):
+    arrays: tuple[NDArray[Any], ...] = (masks, ego, vector, action, advice, reward, flags)
+    for name, value in zip(ARRAYS, arrays, strict=True):
         np.save(folder / f'{name}.npy', value[:n])
     return n, episodes
 

@@ -23,7 +23,7 @@ from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.world_model.actor_critic import Actor, Policy, lambda_returns
 from raw2drive_ros.world_model.distributions import sample_one_hot
 from raw2drive_ros.world_model.heads import ContinueHead, TwoHotHead
-from raw2drive_ros.world_model.one_hot_indices import SparseFeature, stack
+from raw2drive_ros.world_model.one_hot_indices import Feature, stack
 from raw2drive_ros.world_model.rssm import Rssm, State
 
 
@@ -32,8 +32,8 @@ class Rollout:
     """features: (H+1, N, F) of the stream that acts. teacher: the same of the privileged stream, or None.
     actions: (H, N, A) one-hot. rewards, conts: (H, N)."""
 
-    features: Tensor | SparseFeature
-    teacher: Tensor | SparseFeature | None
+    features: Feature
+    teacher: Feature | None
     actions: Tensor
     rewards: Tensor
     conts: Tensor
@@ -70,7 +70,9 @@ def imagine(
     """
     state, maps = rssm.sparse(start), rssm.plain_maps()
     teacher = guide_maps = None
-    features, teachers, actions = [state.feature], [], []
+    features: list[Feature] = [state.feature]
+    teachers: list[Feature] = []
+    actions: list[Tensor] = []
     if guide is not None:
         teacher, guide_maps = dataclasses.replace(state, deter=guide[1]), guide[0].plain_maps()
         teachers.append(teacher.feature)

@@ -52,7 +52,7 @@ def overlap_by_class(trainer: PrivilegedTrainer | RawTrainer, batch: Batch) -> d
     in the batch is left out."""
     posterior, dreamed = open_loop(trainer, batch, len(batch.action))
     names = list(trainer.config.model.mask_classes)
-    found = {}
+    found: dict[str, float] = {}
     moment = CONTEXT - 1 + DREAM_TICKS
     shown = {'iou': (posterior, batch.masks)}
     if moment < dreamed.shape[1]:

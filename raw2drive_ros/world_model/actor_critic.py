@@ -11,6 +11,7 @@ from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.distributions import mixed_log_probs, two_hot_loss, two_hot_mean
 from raw2drive_ros.world_model.heads import TwoHotHead
 from raw2drive_ros.world_model.layers import Mlp
+from raw2drive_ros.world_model.one_hot_indices import Feature
 
 
 class Actor(nn.Module):
@@ -19,7 +20,7 @@ class Actor(nn.Module):
         self.net = Mlp(config.feature_size, config.units, config.head_layers, actions, out_scale=0.01)
         self.unimix, self.actions = config.unimix, actions
 
-    def forward(self, feature: Tensor) -> Tensor:
+    def forward(self, feature: Feature) -> Tensor:
         """(..., F) -> (..., A) log-probabilities."""
         return mixed_log_probs(self.net(feature), self.unimix)
 
@@ -32,16 +33,16 @@ class Critic(nn.Module):
         self.fast = TwoHotHead(config, config.head_layers)
         self.slow = copy.deepcopy(self.fast).requires_grad_(False)
 
-    def forward(self, feature: Tensor) -> Tensor:
+    def forward(self, feature: Feature) -> Tensor:
         value: Tensor = self.fast(feature)
         return value
 
-    def judge(self, feature: Tensor) -> tuple[Tensor, Tensor]:
+    def judge(self, feature: Feature) -> tuple[Tensor, Tensor]:
         """(logits, values without gradient) of one forward pass; the logits go into `loss`."""
         logits: Tensor = self.fast.net(feature)
         return logits, two_hot_mean(logits.detach(), self.fast.bins)
 
-    def loss(self, logits: Tensor, feature: Tensor, target: Tensor, slow_weight: float) -> Tensor:
+    def loss(self, logits: Tensor, feature: Feature, target: Tensor, slow_weight: float) -> Tensor:
         """Cross-entropy to the returns plus `slow_weight` times that to the slow critic's mean."""
         with torch.no_grad():
             slow = self.slow(feature)

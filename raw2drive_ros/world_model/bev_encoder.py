@@ -66,6 +66,7 @@ class BevDecoder(nn.Module):
         self.body = Residual(c.encoder_width, depthwise=c.depthwise)
         self.out = Conv(c.encoder_width, len(c.mask_classes) * c.patch * c.patch, 1)
         # Most pixels of most classes are empty: without this the first hundred steps learn nothing but that.
+        assert self.out.bias is not None
         nn.init.constant_(self.out.bias, EMPTY_LOGIT)
         small = c.small_units or c.units
         self.vector = nn.Sequential(Dense(c.feature_size, small), Linear(small, vector_size))

@@ -62,9 +62,15 @@ class SparseFeature:
         return nn.functional.linear(self.deter, weight[:, :size], bias) + self.stoch.through(weight[:, size:])
 
 
-def stack(features: Sequence[Tensor] | Sequence[SparseFeature]) -> Tensor | SparseFeature:
-    """Along a new first axis."""
-    if isinstance(features[0], Tensor):
-        return torch.stack(list(features))  # type: ignore[arg-type]
-    deters, indices = zip(*((f.deter, f.stoch.index) for f in features))
-    return SparseFeature(torch.stack(deters), OneHotIndices(torch.stack(indices)))
+# What every head reads: (..., D + S*K), dense or with its stochastic part as indices.
+Feature = Tensor | SparseFeature
+
+
+def stack(features: Sequence[Feature]) -> Feature:
+    """Along a new first axis; all of them dense, or all sparse."""
+    dense = [feature for feature in features if isinstance(feature, Tensor)]
+    if dense:
+        return torch.stack(dense)
+    sparse = [feature for feature in features if isinstance(feature, SparseFeature)]
+    index = torch.stack([feature.stoch.index for feature in sparse])
+    return SparseFeature(torch.stack([feature.deter for feature in sparse]), OneHotIndices(index))

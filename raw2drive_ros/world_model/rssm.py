@@ -118,7 +118,13 @@ class Rssm(nn.Module):
         if not torch.is_grad_enabled() or not self.post_out.weight.requires_grad:
             return self.plain_maps()
         inputs = (self.input_deter.linear, self.input_stoch.linear)
-        deter, stoch = (DeferredLinear(layer.weight.t(), layer.bias) for layer in inputs)
+        deter, dense_stoch = (DeferredLinear(layer.weight.t(), layer.bias) for layer in inputs)
+
+        def stoch(x: Tensor | OneHotIndices) -> Tensor:
+            # While gradients are recorded, samples are dense: they carry one.
+            assert isinstance(x, Tensor)
+            return dense_stoch(x)
+
         own, shared = self._core_parts()
         core = DeferredLinear(own, None), DeferredLinear(shared, self.core_hidden.bias.flatten())
         gates = DeferredLinear(self.core_gates.weight, self.core_gates.bias)
