@@ -18,9 +18,10 @@ from raw2drive_ros.errors import UnknownDriverError
 from raw2drive_ros.evaluation.expert import ExpertDriver
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
 from raw2drive_ros.evaluation.simple_drivers import IdmMobilDriver, constant_speed
+from raw2drive_ros.rates import SUBSTEPS
 from raw2drive_ros.settings import default_teacher
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
-from raw2drive_ros.simulation.world import SUBSTEPS, World
+from raw2drive_ros.simulation.world import World
 from raw2drive_ros.world_model.distributions import sample_one_hot
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.rssm import State

@@ -33,6 +33,7 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import run_node
+from raw2drive_ros.rates import DECISION_HZ, DIAGNOSTICS_HZ, ROUTE_EVERY_TICKS
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario
@@ -99,7 +100,7 @@ class BridgeNode(Node):
         self.gate_start_over = self.create_client(Trigger, '/safety_gate/start_over')
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
-        self.create_timer(1.0, self.diagnostics.publish)
+        self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish)
         self.reset_to: RouteId | None = None
         self.proposed: Decision | None = None
         self.paused = False
@@ -164,8 +165,9 @@ class BridgeNode(Node):
             ticks += 1
             self.recent_ms.append((time.perf_counter() - self.tick_started) * 1e3)
             self.tick_ms.append(self.recent_ms[-1])
-            if ticks % 10 == 0:
+            if ticks % DECISION_HZ == 0:
                 self._progress(index, ticks)
+            if ticks % ROUTE_EVERY_TICKS == 0:
                 self._publish_route(tick, wait=False)
         self._publish(tick)
         self.results.append(result_of(self.env, bench2drive_compat=self.p['bench2drive_compat']).to_json())
