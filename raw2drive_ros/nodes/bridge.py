@@ -89,10 +89,7 @@ class BridgeNode(Node):
         self.messages = TickMessages(RclpyFactory(), self.env.rig, compressed=self.compressed)
         self.losses = LossCounter()
         self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
-        self.outputs: dict[str, Any] = {}
-        for spec in topics.TOPICS:
-            if spec.publisher.startswith('bridge'):
-                self.outputs[spec.name] = make_publisher(self, spec.name)
+        self.outputs: dict[str, Any] = {name: make_publisher(self, name) for name in topics.BRIDGE_TOPICS}
         if self.sim_driver is not None:
             self.outputs[topics.PROPOSED] = make_publisher(self, topics.PROPOSED)
         self.create_service(Trigger, '~/reset', self._on_reset)

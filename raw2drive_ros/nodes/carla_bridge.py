@@ -55,11 +55,7 @@ class CarlaBridgeNode(Node):
         self.max_ticks = int(p['max_ticks'])
         self.messages = TickMessages(RclpyFactory(), rig, compressed=compressed)
         self.losses = LossCounter()
-        self.outputs = {
-            spec.name: make_publisher(self, spec.name)
-            for spec in topics.TOPICS
-            if spec.publisher.startswith('bridge') and not spec.privileged
-        }
+        self.outputs = {name: make_publisher(self, name) for name in topics.CARLA_BRIDGE_TOPICS}
         self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         # Last: whatever fails before it leaves nothing on the server, and it cleans up after itself.
