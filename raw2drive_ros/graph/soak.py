@@ -105,7 +105,7 @@ def _start(graph: Graph, folder: Path, plan: SoakPlan) -> None:
         'loop': True,
         'image_height': rig[0].height,
         'image_width': rig[0].width,
-        'wait_for_image_subscribers': 2,
+        'wait_for_sensor_subscribers': 2,
         'rows_file': str(folder / 'rows.jsonl'),
         'progress_file': str(folder / 'progress.jsonl'),
     }

@@ -40,39 +40,39 @@ from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 from raw2drive_ros.timing import load_timing
 
+# Nodes that take odometry, and no other sensor topic.
+ODOMETRY_ONLY = ('safety_gate', 'command_adapter')
+PARAMETERS: dict[str, tuple[Any, str]] = {
+    'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: the next three, then on'),
+    'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
+    'seed': (0, 'seed for ~/reset and for endless driving'),
+    'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
+    'sim_driver': ('', 'a driver that reads the simulation and proposes commands in place of a planner'),
+    'sim_driver_run': ('', 'stage-1 run of sim driver privileged'),
+    'bench2drive_compat': (False, 'efficiency and comfort as Bench2Drive computes them'),
+    'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
+    'image_height': (96, 'camera image height in pixels'),
+    'image_width': (160, 'camera image width in pixels'),
+    'image_transport': ('raw', 'raw images, or compressed ones (JPEG)'),
+    'bev': (True, 'publish privileged BEV masks'),
+    'wait_for_sensor_subscribers': (
+        1,
+        'start when every sensor topic has so many subscribers (a sim driver counts as one); 0: at once',
+    ),
+    'result_file': ('', 'write results as JSON here when all episodes are driven'),
+    'rows_file': ('', 'append a JSON line per finished episode here'),
+    'progress_file': ('', 'append one JSON line per second of simulated time here'),
+    'loop': (False, 'begin the list of episodes again when it is driven'),
+    'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
+}
+
 
 class BridgeNode(Node):
     """Parameters are described where they are declared; services: ~/reset, ~/pause."""
 
     def __init__(self) -> None:
         super().__init__('bridge')
-        p = declare(
-            self,
-            {
-                'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: the next three, then on'),
-                'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
-                'seed': (0, 'seed for ~/reset and for endless driving'),
-                'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
-                'sim_driver': (
-                    '',
-                    'a driver that reads the simulation and proposes commands in place of a planner',
-                ),
-                'sim_driver_run': ('', 'stage-1 run of sim driver privileged'),
-                'bench2drive_compat': (False, 'efficiency and comfort as Bench2Drive computes them'),
-                'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
-                'image_height': (96, 'camera image height in pixels'),
-                'image_width': (160, 'camera image width in pixels'),
-                'image_transport': ('raw', 'raw images, or compressed ones (JPEG)'),
-                'bev': (True, 'publish privileged BEV masks'),
-                'wait_for_image_subscribers': (1, 'start when every sensor topic has so many subscribers; 0: at once'),
-                'result_file': ('', 'write results as JSON here when all episodes are driven'),
-                'rows_file': ('', 'append a JSON line per finished episode here'),
-                'progress_file': ('', 'append one JSON line per second of simulated time here'),
-                'loop': (False, 'begin the list of episodes again when it is driven'),
-                'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
-            },
-            live={'scenario': get_scenario, 'seed': _whole_number, 'weather': get_weather},
-        )
+        p = declare(self, PARAMETERS, live={'scenario': get_scenario, 'seed': _whole_number, 'weather': get_weather})
         self.p = p
         self.timing = load_timing()
         if p['image_height'] <= 0 or p['image_width'] <= 0:
@@ -262,39 +262,53 @@ class BridgeNode(Node):
             )
 
     def _wait_for_peers(self) -> None:
-        # Discovery matches topic by topic: every sensor topic counts, not only the first.
-        unused = {topics.IMU_EXTRINSICS}
-        unused |= {(topics.image_topic if self.compressed else topics.compressed_topic)(c) for c in topics.CAMERAS}
-        if self.sim_driver is not None:
-            sensors = [self.outputs[topics.PROPOSED]]
-        else:
-            sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name not in unused]
-        wanted = int(self.p['wait_for_image_subscribers'])
-        if wanted == 0:
+        if int(self.p['wait_for_sensor_subscribers']) <= 0:
             return
+        wanted = self._wanted_subscribers()
         deadline = time.perf_counter() + self.timing.discovery_timeout_s
-        while (fewest := min(map(self._listeners, sensors))) < wanted or self.count_publishers(topics.COMMAND) < 1:
+        while missing := self._missing_peer(wanted):
             if time.perf_counter() > deadline:
-                if self.endless:
-                    self.get_logger().warning('no planner yet; waiting on')
-                    deadline = time.perf_counter() + self.timing.discovery_timeout_s
-                    continue
-                raise NodeError(
-                    f'{fewest} of {wanted} subscribers on every sensor topic and '
-                    f'{self.count_publishers(topics.COMMAND)} command publishers after '
-                    f'{self.timing.discovery_timeout_s:.0f} s: is the planner active and the gate running?'
-                )
+                if not self.endless:
+                    raise NodeError(
+                        f'{missing} after {self.timing.discovery_timeout_s:.0f} s: is the planner active and the gate '
+                        'running?'
+                    )
+                self.get_logger().warning(f'{missing} so far; waiting on')
+                deadline = time.perf_counter() + self.timing.discovery_timeout_s
             self.executor_.spin_once(timeout_sec=0.1)
         # Planner and gate have to find each other too, which nobody here can see.
         deadline = time.perf_counter() + 1.0
         while time.perf_counter() < deadline:
             self.executor_.spin_once(timeout_sec=0.1)
 
-    def _listeners(self, publisher: Any) -> int:
-        """Matched subscribers, the gate not among them: it takes odometry too, and not everybody runs one."""
-        gates = [s for s in self.get_subscriptions_info_by_topic(publisher.topic_name) if s.node_name == 'safety_gate']
-        in_place = publisher.topic_name != topics.PROPOSED
-        return int(publisher.get_subscription_count()) - len(gates) * in_place
+    def _wanted_subscribers(self) -> dict[str, int]:
+        """Subscribers to wait for, by topic: discovery matches topic by topic, and one says nothing about the next.
+
+        A sim driver is in the planner's place: it needs no topic to see, and what it proposes has to reach the gate.
+        """
+        listeners = int(self.p['wait_for_sensor_subscribers'])
+        unused = {topics.IMU_EXTRINSICS}
+        unused |= {(topics.image_topic if self.compressed else topics.compressed_topic)(c) for c in topics.CAMERAS}
+        sensors = [name for name in topics.SENSOR_TOPICS if name not in unused]
+        if self.sim_driver is None:
+            return dict.fromkeys(sensors, listeners)
+        return dict.fromkeys(sensors, listeners - 1) | {topics.PROPOSED: listeners}
+
+    def _missing_peer(self, wanted: dict[str, int]) -> str:
+        """The first that is not there yet, in words; '' when all are."""
+        for name, count in wanted.items():
+            if (found := self._listeners(name)) < count:
+                return f'{found} of {count} subscribers on {name}'
+        return '' if self.count_publishers(topics.COMMAND) else f'no publisher on {topics.COMMAND}'
+
+    def _listeners(self, name: str) -> int:
+        """Matched subscribers; on sensor topics without gate and command adapter, which take odometry alone."""
+        publisher = self.outputs[name]
+        found = int(publisher.get_subscription_count())
+        if name == topics.PROPOSED:
+            return found
+        subscribers = self.get_subscriptions_info_by_topic(publisher.topic_name)
+        return max(0, found - sum(subscriber.node_name in ODOMETRY_ONLY for subscriber in subscribers))
 
     def _progress(self, index: int, ticks: int, *, done: bool = False) -> None:
         if not self.p['progress_file']:
