@@ -1,6 +1,6 @@
-"""Listeners that come one after the other to a bridge that waits; run by test_bridge.py in a process of its own.
+"""Listeners that come one after the other to a bridge that waits; a process of its own for test_simulation_bridge.py.
 
-argv: topics, as JSON: a list of steps, each a list of [node, topic] to subscribe to. Prints one JSON line: for each
+argv: as JSON, a list of steps, each a list of [node, topic] to subscribe to. Prints one JSON line: for each
 step, whether the bridge drove (published /clock) within WATCH_S after every subscription was matched.
 """
 
