@@ -6,6 +6,8 @@ The paper gives the number 43 and the two groups, not the list; this is ours. Co
 
 from __future__ import annotations
 
+from raw2drive_ros.rates import PHYSICS_HZ
+
 STATIC_CHANNELS = (
     'road',
     'route',
@@ -26,11 +28,11 @@ DYNAMIC_CHANNELS = (
     'light_red',
     'stop_sign',
 )
-# Ages in 20 Hz physics ticks (0, 0.25, 0.5, 0.75 s); past boxes are drawn in the CURRENT ego frame.
+# Ages in physics ticks (0, 0.25, 0.5, 0.75 s); past boxes are drawn in the CURRENT ego frame.
 HISTORY_TICKS = (0, 5, 10, 15)
 
 CHANNELS = STATIC_CHANNELS + tuple(
-    f'{name}@-{age / 20:.2f}s' if age else f'{name}@now' for name in DYNAMIC_CHANNELS for age in HISTORY_TICKS
+    f'{name}@-{age / PHYSICS_HZ:.2f}s' if age else f'{name}@now' for name in DYNAMIC_CHANNELS for age in HISTORY_TICKS
 )
 CHANNEL_COUNT = len(CHANNELS)
 SIZE_PX = 128

@@ -1,4 +1,4 @@
-"""`params/timing.yaml`, validated: the single source of rates, ages and deadlines."""
+"""`params/timing.yaml`, validated: ages, deadlines and the gate's rate. Rates that cannot be changed: `rates.py`."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from raw2drive_ros.settings import Strict, load_strict, params_folder
 class Timing(Strict):
     """Seconds and hertz."""
 
-    decision_rate_hz: float = Field(gt=0)
-    physics_rate_hz: float = Field(gt=0)
     gate_rate_hz: float = Field(ge=20)
     comfortable_after_s: float = Field(gt=0)
     emergency_after_s: float = Field(gt=0)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum, unique
+
+from raw2drive_ros.rates import DECISION_HZ, DIAGNOSTICS_HZ, PHYSICS_HZ, ROUTE_HZ
 
 CAMERAS = ('front', 'front_left', 'front_right', 'back', 'back_left', 'back_right')
 
@@ -38,9 +41,53 @@ def extrinsics_topic(camera: str) -> str:
     return f'/sensing/camera/{camera}/extrinsics'
 
 
-@dataclass(frozen=True, slots=True)
+@unique
+class Publisher(Enum):
+    """Who publishes a topic; the values are what `docs/topics.md` prints, and no code reads them.
+
+    A bridge takes the vehicle's place: each one publishes CLOCK_SOURCE and VEHICLE, and only that of the simulation
+    SIMULATION, which no vehicle can measure. A player takes the place of either.
+    """
+
+    CLOCK_SOURCE = 'bridge or player'
+    VEHICLE = 'bridge or vehicle'
+    SIMULATION = 'bridge (training only)'
+    PLANNER = 'planner'
+    GATE = 'safety gate'
+    COLLECTOR = 'collector'
+    ANY_NODE = 'every node'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QosProfile:
+    """What a publisher offers and our subscriptions ask for; always KEEP_LAST.
+
+    reliable: RELIABLE, otherwise BEST_EFFORT. latched: TRANSIENT_LOCAL, otherwise VOLATILE. depth: messages that are
+    kept for a subscriber which is busy, and for late ones where latched.
+    """
+
+    reliable: bool = True
+    latched: bool = False
+    depth: int
+
+
+CLOCK_QOS = QosProfile(depth=10)
+CAMERA_QOS = QosProfile(depth=5)
+# A second of samples.
+MOTION_QOS = QosProfile(depth=20)
+LATCHED_QOS = QosProfile(latched=True, depth=1)
+# Only the newest command counts.
+COMMAND_QOS = QosProfile(depth=1)
+PRIVILEGED_QOS = QosProfile(depth=5)
+DIAGNOSTICS_QOS = QosProfile(depth=10)
+
+# The rate of what is sent once, and again when it changes.
+ON_CHANGE = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TopicSpec:
-    """One row: rate in Hz (0 = on change), QoS (reliable, latched, depth), publisher, and what it carries.
+    """One row: message type, rate in Hz (or ON_CHANGE), QoS, publisher, and what it carries (prose for the document).
 
     optional: not always there: in place of another topic when a parameter says so, or in collected bags only.
     """
@@ -48,10 +95,8 @@ class TopicSpec:
     name: str
     msgtype: str
     rate_hz: float
-    reliable: bool
-    latched: bool
-    depth: int
-    publisher: str
+    qos: QosProfile
+    publisher: Publisher
     carries: str
     optional: bool = False
 
@@ -64,159 +109,152 @@ def _camera_rows(camera: str) -> tuple[TopicSpec, ...]:
     optical = f'camera_{camera}_optical'
     return (
         TopicSpec(
-            image_topic(camera),
-            'sensor_msgs/msg/Image',
-            10,
-            True,
-            False,
-            5,
-            'bridge or vehicle',
-            f'rgb8, frame `{optical}`; one stamp for all cameras of a tick',
+            name=image_topic(camera),
+            msgtype='sensor_msgs/msg/Image',
+            rate_hz=DECISION_HZ,
+            qos=CAMERA_QOS,
+            publisher=Publisher.VEHICLE,
+            carries=f'rgb8, frame `{optical}`; one stamp for all cameras of a tick',
         ),
         TopicSpec(
-            compressed_topic(camera),
-            'sensor_msgs/msg/CompressedImage',
-            10,
-            True,
-            False,
-            5,
-            'bridge or vehicle',
-            'JPEG or PNG in place of the raw image (parameter `image_transport`)',
+            name=compressed_topic(camera),
+            msgtype='sensor_msgs/msg/CompressedImage',
+            rate_hz=DECISION_HZ,
+            qos=CAMERA_QOS,
+            publisher=Publisher.VEHICLE,
+            carries='JPEG or PNG in place of the raw image (parameter `image_transport`)',
             optional=True,
         ),
         TopicSpec(
-            camera_info_topic(camera),
-            'sensor_msgs/msg/CameraInfo',
-            10,
-            True,
-            False,
-            5,
-            'bridge or vehicle',
-            'plumb_bob with zero distortion; same stamp as its image',
+            name=camera_info_topic(camera),
+            msgtype='sensor_msgs/msg/CameraInfo',
+            rate_hz=DECISION_HZ,
+            qos=CAMERA_QOS,
+            publisher=Publisher.VEHICLE,
+            carries='plumb_bob with zero distortion; same stamp as its image',
         ),
         TopicSpec(
-            extrinsics_topic(camera),
-            'geometry_msgs/msg/TransformStamped',
-            0,
-            True,
-            True,
-            1,
-            'bridge or vehicle',
-            f'pose of `{optical}` in `base_link`',
+            name=extrinsics_topic(camera),
+            msgtype='geometry_msgs/msg/TransformStamped',
+            rate_hz=ON_CHANGE,
+            qos=LATCHED_QOS,
+            publisher=Publisher.VEHICLE,
+            carries=f'pose of `{optical}` in `base_link`',
         ),
     )
 
 
 TOPICS: tuple[TopicSpec, ...] = (
-    TopicSpec(CLOCK, 'rosgraph_msgs/msg/Clock', 20, True, False, 10, 'bridge or player', 'simulated time'),
+    TopicSpec(
+        name=CLOCK,
+        msgtype='rosgraph_msgs/msg/Clock',
+        rate_hz=PHYSICS_HZ,
+        qos=CLOCK_QOS,
+        publisher=Publisher.CLOCK_SOURCE,
+        carries='simulated time',
+    ),
     *(row for camera in CAMERAS for row in _camera_rows(camera)),
     TopicSpec(
-        IMU,
-        'sensor_msgs/msg/Imu',
-        20,
-        True,
-        False,
-        20,
-        'bridge or vehicle',
-        'specific force and angular velocity in `imu_link` (REP-145)',
+        name=IMU,
+        msgtype='sensor_msgs/msg/Imu',
+        rate_hz=PHYSICS_HZ,
+        qos=MOTION_QOS,
+        publisher=Publisher.VEHICLE,
+        carries='specific force and angular velocity in `imu_link` (REP-145)',
     ),
     TopicSpec(
-        IMU_EXTRINSICS,
-        'geometry_msgs/msg/TransformStamped',
-        0,
-        True,
-        True,
-        1,
-        'bridge or vehicle',
-        'pose of `imu_link` in `base_link`',
+        name=IMU_EXTRINSICS,
+        msgtype='geometry_msgs/msg/TransformStamped',
+        rate_hz=ON_CHANGE,
+        qos=LATCHED_QOS,
+        publisher=Publisher.VEHICLE,
+        carries='pose of `imu_link` in `base_link`',
     ),
     TopicSpec(
-        ODOMETRY,
-        'nav_msgs/msg/Odometry',
-        20,
-        True,
-        False,
-        20,
-        'bridge or vehicle',
-        'pose in `map`, twist in `base_link`',
+        name=ODOMETRY,
+        msgtype='nav_msgs/msg/Odometry',
+        rate_hz=PHYSICS_HZ,
+        qos=MOTION_QOS,
+        publisher=Publisher.VEHICLE,
+        carries='pose in `map`, twist in `base_link`',
     ),
     TopicSpec(
-        ROUTE,
-        'nav_msgs/msg/Path',
-        1,
-        True,
-        True,
-        1,
-        'bridge or vehicle',
-        'sparse route checkpoints in `map`; a new header stamp means a new route',
+        name=ROUTE,
+        msgtype='nav_msgs/msg/Path',
+        rate_hz=ROUTE_HZ,
+        qos=LATCHED_QOS,
+        publisher=Publisher.VEHICLE,
+        carries='sparse route checkpoints in `map`; a new header stamp means a new route',
     ),
     TopicSpec(
-        PROPOSED,
-        'sensor_msgs/msg/JointState',
-        10,
-        True,
-        False,
-        1,
-        'planner',
-        'named actuators: throttle, brake [0, 1], steer [-1, 1] left positive, reverse; stamp of the input',
+        name=PROPOSED,
+        msgtype='sensor_msgs/msg/JointState',
+        rate_hz=DECISION_HZ,
+        qos=COMMAND_QOS,
+        publisher=Publisher.PLANNER,
+        carries='named actuators: throttle, brake [0, 1], steer [-1, 1] left positive, reverse; stamp of the input',
     ),
     TopicSpec(
-        COMMAND,
-        'sensor_msgs/msg/JointState',
-        10,
-        True,
-        False,
-        1,
-        'safety gate',
-        'the same fields after the gate; the only topic a vehicle obeys',
+        name=COMMAND,
+        msgtype='sensor_msgs/msg/JointState',
+        rate_hz=DECISION_HZ,
+        qos=COMMAND_QOS,
+        publisher=Publisher.GATE,
+        carries='the same fields after the gate; the only topic a vehicle obeys',
     ),
     TopicSpec(
-        BEV,
-        'sensor_msgs/msg/CompressedImage',
-        10,
-        True,
-        False,
-        5,
-        'bridge (training only)',
-        '43 x 128 x 128 masks, one bit each, packed per channel',
+        name=BEV,
+        msgtype='sensor_msgs/msg/CompressedImage',
+        rate_hz=DECISION_HZ,
+        qos=PRIVILEGED_QOS,
+        publisher=Publisher.SIMULATION,
+        carries='43 x 128 x 128 masks, one bit each, packed per channel',
     ),
     TopicSpec(
-        EGO, 'sensor_msgs/msg/JointState', 10, True, False, 5, 'bridge (training only)', 'ego vector as named values'
+        name=EGO,
+        msgtype='sensor_msgs/msg/JointState',
+        rate_hz=DECISION_HZ,
+        qos=PRIVILEGED_QOS,
+        publisher=Publisher.SIMULATION,
+        carries='ego vector as named values',
     ),
     TopicSpec(
-        TRANSITION,
-        'sensor_msgs/msg/JointState',
-        10,
-        True,
-        False,
-        5,
-        'bridge (training only)',
-        'action, reward and its terms, is_first, is_terminal, is_last; frame_id holds scenario/seed',
+        name=TRANSITION,
+        msgtype='sensor_msgs/msg/JointState',
+        rate_hz=DECISION_HZ,
+        qos=PRIVILEGED_QOS,
+        publisher=Publisher.SIMULATION,
+        carries='action, reward and its terms, is_first, is_terminal, is_last; frame_id holds scenario/seed',
     ),
     TopicSpec(
-        ADVICE,
-        'sensor_msgs/msg/JointState',
-        10,
-        True,
-        False,
-        5,
-        'collector',
-        'action that the expert would take now, whoever drives (`raw2drive collect --advice`)',
+        name=ADVICE,
+        msgtype='sensor_msgs/msg/JointState',
+        rate_hz=DECISION_HZ,
+        qos=PRIVILEGED_QOS,
+        publisher=Publisher.COLLECTOR,
+        carries='action that the expert would take now, whoever drives (`raw2drive collect --advice`)',
         optional=True,
     ),
     TopicSpec(
-        DIAGNOSTICS,
-        'diagnostic_msgs/msg/DiagnosticArray',
-        1,
-        True,
-        False,
-        10,
-        'every node',
-        'state, rates, ages, messages lost',
+        name=DIAGNOSTICS,
+        msgtype='diagnostic_msgs/msg/DiagnosticArray',
+        rate_hz=DIAGNOSTICS_HZ,
+        qos=DIAGNOSTICS_QOS,
+        publisher=Publisher.ANY_NODE,
+        carries='state, rates, ages, messages lost',
     ),
 )
 BY_NAME = {spec.name: spec for spec in TOPICS}
-SENSOR_TOPICS = tuple(spec.name for spec in TOPICS if spec.name.startswith(('/sensing', '/vehicle', '/planning')))
+
+
+def published_by(*publishers: Publisher) -> tuple[str, ...]:
+    """Names of the topics of these publishers, in the order of the table."""
+    return tuple(spec.name for spec in TOPICS if spec.publisher in publishers)
+
+
+SENSOR_TOPICS = published_by(Publisher.VEHICLE)
+CARLA_BRIDGE_TOPICS = published_by(Publisher.CLOCK_SOURCE, Publisher.VEHICLE)
+BRIDGE_TOPICS = published_by(Publisher.CLOCK_SOURCE, Publisher.VEHICLE, Publisher.SIMULATION)
 
 
 def markdown_table() -> str:
@@ -224,10 +262,10 @@ def markdown_table() -> str:
     lines = ['| topic | type | rate (Hz) | QoS | publisher | carries |', '|---|---|---|---|---|---|']
     for spec in TOPICS:
         rate = f'{spec.rate_hz:g}' if spec.rate_hz else 'latched'
-        quality = 'reliable' if spec.reliable else 'best effort'
-        quality += (', transient local' if spec.latched else '') + f', depth {spec.depth}'
+        quality = 'reliable' if spec.qos.reliable else 'best effort'
+        quality += (', transient local' if spec.qos.latched else '') + f', depth {spec.qos.depth}'
         lines.append(
             f'| `{spec.name}` | {spec.msgtype.replace("/msg/", "/")} | {rate} | {quality} '
-            f'| {spec.publisher} | {spec.carries} |'
+            f'| {spec.publisher.value} | {spec.carries} |'
         )
     return '\n'.join(lines)

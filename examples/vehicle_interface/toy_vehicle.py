@@ -40,9 +40,10 @@ from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.errors import ContractError
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
+from raw2drive_ros.rates import PHYSICS_HZ, ROUTE_HZ, SUBSTEPS
 from raw2drive_ros.timing import load_timing
 
-PHYSICS_HZ, PIXELS_PER_M, GRAVITY_MPS2 = 20, 8, 9.81
+PIXELS_PER_M, GRAVITY_MPS2 = 8, 9.81
 GROUND_M = (-40.0, -40.0, 240.0, 40.0)  # x and y from, x and y to
 SKY, GRASS, ROAD, LINE = (150, 190, 230), (70, 110, 60), (90, 90, 95), (230, 230, 230)
 
@@ -166,9 +167,9 @@ class ToyVehicle(Node):
         self.plant.step(self.commands.last if fresh else self.commands.missing(now_ns), 1.0 / PHYSICS_HZ)
         stamp_ns = self.get_clock().now().nanoseconds
         self.publish_motion(stamp_ns)
-        if self.ticks % (PHYSICS_HZ // 10) == 0:
+        if self.ticks % SUBSTEPS == 0:
             self.publish_cameras(stamp_ns)
-        if self.ticks % PHYSICS_HZ == 0:
+        if self.ticks % (PHYSICS_HZ // ROUTE_HZ) == 0:
             route = Route(self.started_ns, np.array(self.settings['route_m']))
             self.outputs[topics.ROUTE].publish(route_to_message(self.factory, route))
         self.ticks += 1

@@ -21,8 +21,8 @@ from raw2drive_ros.carla_vehicle.geometry import (
 from raw2drive_ros.carla_vehicle.route import follow_lanes
 from raw2drive_ros.contract import CameraCalibration, Control, ImuSample, OdometrySample, Route, SensorFrame
 from raw2drive_ros.errors import CarlaError
+from raw2drive_ros.rates import PHYSICS_HZ, SUBSTEPS
 
-TICK_S = 0.05
 ROUTE_SPACING_M = 30.0
 
 
@@ -92,7 +92,7 @@ class CarlaVehicle:
 
     def _make(self) -> None:
         asked = self.world.get_settings()
-        asked.synchronous_mode, asked.fixed_delta_seconds = True, TICK_S
+        asked.synchronous_mode, asked.fixed_delta_seconds = True, 1.0 / PHYSICS_HZ
         self.world.apply_settings(asked)
         plans, places = self.world.get_blueprint_library(), self.world.get_map().get_spawn_points()
         if not 0 <= self.settings.spawn_point < len(places):
@@ -147,10 +147,10 @@ class CarlaVehicle:
         return found, imu, odometry
 
     def step(self, control: Control) -> CarlaTick:
-        """The next decision tick, after two physics ticks under `control`. Raises CarlaError, SensorTimeoutError."""
+        """The next decision tick, after `SUBSTEPS` physics ticks. Raises CarlaError, SensorTimeoutError."""
         self.car.apply_control(self.carla.VehicleControl(**control_values(control)))
         samples = []
-        for _ in range(2):
+        for _ in range(SUBSTEPS):
             found, imu, odometry = self._advance()
             samples.append((imu, odometry))
         images = {c.name: image_from_carla(found[c.name].raw_data, c.width, c.height) for c in self.rig}

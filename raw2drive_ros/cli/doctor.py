@@ -93,14 +93,17 @@ def _shared_memory(problems: list[str]) -> int | None:
 
 def _timing() -> dict[str, float]:
     """The contract, and the time from a dead planner to full braking that follows from it."""
+    from raw2drive_ros.rates import DECISION_HZ, PHYSICS_HZ
     from raw2drive_ros.timing import load_timing
 
     timing = load_timing()
     period = 1.0 / timing.gate_rate_hz
-    return timing.model_dump() | {
+    rates = {'decision_rate_hz': float(DECISION_HZ), 'physics_rate_hz': float(PHYSICS_HZ)}
+    stops = {
         'dead_planner_to_comfortable_stop_s': timing.comfortable_after_s + period,
         'dead_planner_to_emergency_stop_s': timing.emergency_after_s + period,
     }
+    return rates | timing.model_dump() | stops
 
 
 def _latency(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None:
@@ -132,15 +135,15 @@ def _stopping(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None
 
     from raw2drive_ros.errors import BundleError
     from raw2drive_ros.evaluation.stopping import computed, measured
+    from raw2drive_ros.rates import DECISION_HZ
     from raw2drive_ros.settings import default_bundle
-    from raw2drive_ros.timing import load_timing
 
     try:
         seen = measured(bundle or default_bundle())
     except BundleError:
         return None
     promised = computed(seen.speed_mps)
-    period_s = 1.0 / load_timing().decision_rate_hz
+    period_s = 1.0 / DECISION_HZ
     if seen.total_s > promised.total_s + period_s:
         problems.append(f'a stop took {seen.total_s:.2f} s, the contract adds up to {promised.total_s:.2f} s')
     return {

@@ -64,6 +64,6 @@ def run(options: argparse.Namespace) -> int:
         'image_width': width,
         'image_transport': options.image_transport,
         # A vehicle's sensors do not wait for anybody; lock-step does.
-        'wait_for_image_subscribers': int(not options.real_time),
+        'wait_for_sensor_subscribers': int(not options.real_time),
     }
     return run_single({'bridge': parameters}, options.domain, sim_time=False)

@@ -58,9 +58,9 @@ def _topics(seen: Observation, names: list[str]) -> Iterator[Verdict]:
         else:
             yield Verdict(check, 'passed', f'one, {spec.msgtype}')
         check = f'{name}: QoS'
-        if spec.latched and not topic.transient_local:
+        if spec.qos.latched and not topic.transient_local:
             yield Verdict(check, 'error', 'volatile: who comes later never hears it', 'durability TRANSIENT_LOCAL')
-        elif spec.reliable and not topic.reliable:
+        elif spec.qos.reliable and not topic.reliable:
             yield Verdict(check, 'error', 'best effort: reliable subscribers do not match', 'reliability RELIABLE')
         else:
             yield Verdict(check, 'passed', 'matches')
@@ -73,7 +73,7 @@ def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], compre
     for name in names:
         spec, topic = topics.BY_NAME[name], seen.topics.get(name, TopicSeen())
         stamps = topic.stamps_ns
-        if not spec.rate_hz or spec.latched or not topic.publishers:
+        if not spec.rate_hz or spec.qos.latched or not topic.publishers:
             continue
         if len(stamps) < 3:
             yield Verdict(f'{name}: rate', 'error', f'{len(stamps)} messages in {seen.seconds:.0f} s', 'publish on')

@@ -7,6 +7,7 @@ from pathlib import Path
 from pydantic import Field
 
 from raw2drive_ros.driving.sensor_monitor import MonitorLimits
+from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.settings import Strict, load_strict, params_folder
 from raw2drive_ros.timing import Timing
 
@@ -25,7 +26,7 @@ class MonitorConfig(Strict):
 
     def limits(self, timing: Timing) -> MonitorLimits:
         return MonitorLimits(
-            period_s=1.0 / timing.decision_rate_hz,
+            period_s=1.0 / DECISION_HZ,
             age_s=timing.input_age_s,
             degraded_gap_s=timing.degraded_gap_s,
             stop_gap_s=timing.stop_gap_s,

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from raw2drive_ros.contract import Image8, ImuSample, SensorFrame
+from raw2drive_ros.rates import DECISION_HZ
 
 # Every so many pixels in both directions are looked at: 24 x 40 of 96 x 160.
 STRIDE = 4
@@ -47,7 +48,7 @@ class Finding:
 class MonitorLimits:
     """See `params/monitor.yaml`; times in seconds of ROS time, which a paused simulation stops too."""
 
-    period_s: float = 0.1
+    period_s: float = 1.0 / DECISION_HZ
     age_s: float = 0.3
     degraded_gap_s: float = 0.115
     stop_gap_s: float = 0.15

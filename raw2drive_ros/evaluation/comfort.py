@@ -13,8 +13,8 @@ from functools import cache
 import numpy as np
 
 from raw2drive_ros.contract import Float64
+from raw2drive_ros.rates import PHYSICS_HZ
 
-RATE_HZ = 20
 SEGMENT = 20
 WINDOW, ORDER = 7, 2
 QUIRK_STEP_S = 0.1
@@ -48,7 +48,8 @@ def comfort_percent(motion: Float64, *, bench2drive_compat: bool = False) -> flo
     if count == 0:
         return None
     segments = np.asarray(motion[: count * SEGMENT]).reshape(count, SEGMENT, 3).transpose(2, 0, 1)
-    smooth, slope = savitzky_golay(0).T, savitzky_golay(1).T / (QUIRK_STEP_S if bench2drive_compat else 1.0 / RATE_HZ)
+    step_s = QUIRK_STEP_S if bench2drive_compat else 1.0 / PHYSICS_HZ
+    smooth, slope = savitzky_golay(0).T, savitzky_golay(1).T / step_s
     longitudinal, lateral = segments[0] @ smooth, segments[1] @ smooth
     rate = np.degrees(segments[2]) if bench2drive_compat else segments[2]
     yaw_rate = rate @ smooth

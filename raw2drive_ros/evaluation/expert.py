@@ -22,10 +22,11 @@ from raw2drive_ros.evaluation.following import (
     stop_line_m,
     stopping,
 )
+from raw2drive_ros.rates import DECISION_HZ, SUBSTEPS
 from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
 from raw2drive_ros.simulation.criteria import LANE_TOLERANCE_M, route_deviation_m
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
-from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
+from raw2drive_ros.simulation.world import World
 
 REPLAN_TICKS = 4
 HORIZON_S = 9.0

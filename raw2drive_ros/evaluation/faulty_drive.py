@@ -28,6 +28,7 @@ from raw2drive_ros.evaluation.episode import result_of
 from raw2drive_ros.evaluation.metrics import RouteResult
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.faults.injector import Injector
+from raw2drive_ros.rates import ROUTE_EVERY_TICKS
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.timing import load_timing
@@ -90,7 +91,7 @@ def drive_with_faults(
     stack.start(start_ns)
     drive = FaultyDrive(result_of(env))
     while not env.done and (max_ticks is None or len(drive.controls) < max_ticks):
-        control = stack.drive(tick, with_route=len(drive.controls) % 10 == 0)
+        control = stack.drive(tick, with_route=len(drive.controls) % ROUTE_EVERY_TICKS == 0)
         _note(drive, stack, (tick.stamp_ns - start_ns) * 1e-9, env)
         on_tick(tick, stack.gate)
         tick, *_ = env.step(control)

@@ -13,6 +13,7 @@ from raw2drive_ros.driving.raw_planner import RawPlanner
 from raw2drive_ros.evaluation.faulty_drive import drive_with_faults
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import Fault
+from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.timing import load_timing
@@ -71,7 +72,7 @@ def measured(bundle: Path, after_s: float = 3.0) -> Stopping:
         lambda tick, gate: speeds.append(tick.sensors.odometry.speed_mps),
     )
     assert drive.stop_s is not None and drive.stand_s is not None
-    period_s = 1.0 / load_timing().decision_rate_hz
+    period_s = 1.0 / DECISION_HZ
     last = round(after_s / period_s) - 1
     distance = sum(speeds[last:]) * period_s
     # The tick in which the gate stops is the first whose command brakes.

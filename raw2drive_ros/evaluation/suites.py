@@ -16,12 +16,13 @@ import numpy as np
 from raw2drive_ros.errors import UnfairScenarioError, UnknownScenarioError, UnknownSuiteError
 from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.expert import Plan, follow, hits
+from raw2drive_ros.rates import DECISION_HZ, SUBSTEPS
 from raw2drive_ros.settings import params_folder
 from raw2drive_ros.simulation.actors import StandingObject, boxes_overlap, corners_m
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios, rng_for
 from raw2drive_ros.simulation.weather import WEATHER_NAMES
-from raw2drive_ros.simulation.world import DECISION_HZ, SUBSTEPS, World
+from raw2drive_ros.simulation.world import World
 
 VALIDATION_SEED_START = 50_000
 ROLLOUT_S = 20.0

@@ -11,8 +11,9 @@ from raw2drive_ros.contract import Control, Decision, SensorFrame
 from raw2drive_ros.evaluation.expert import ExpertDriver
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
 from raw2drive_ros.evaluation.simple_drivers import IdmMobilDriver, constant_speed
+from raw2drive_ros.rates import SUBSTEPS
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
-from raw2drive_ros.simulation.world import SUBSTEPS, World
+from raw2drive_ros.simulation.world import World
 
 # Of the rule driver with noise: the share of episodes that have bursts of random actions.
 NOISY_EPISODES = 0.75

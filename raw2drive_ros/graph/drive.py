@@ -104,7 +104,7 @@ def _start(graph: Graph, job: GraphJob) -> None:
         'image_transport': job.image_transport,
         'bev': job.record or job.sim_driver == 'privileged',
         'max_ticks': job.max_ticks,
-        'wait_for_image_subscribers': (job.bundle is not None) + job.record if job.bundle else 1,
+        'wait_for_sensor_subscribers': 1 + job.record,
         'result_file': str(out / 'bridge.json'),
         'rows_file': str(out / 'rows.jsonl'),
         'progress_file': str(out / 'progress.jsonl'),

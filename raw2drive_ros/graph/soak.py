@@ -19,7 +19,7 @@ from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.graph.drive import Tail
 from raw2drive_ros.graph.process_samples import folder_mib, process_values
 from raw2drive_ros.graph.processes import Graph, reserve_domain, running_graph
-from raw2drive_ros.timing import load_timing
+from raw2drive_ros.rates import DECISION_HZ
 
 SNAPSHOT_S = 5.0
 KEPT_SNAPSHOTS = 3
@@ -74,7 +74,6 @@ class _Part:
     def __init__(self, number: int, folder: Path, graph: Graph) -> None:
         self.number, self.folder, self.graph = number, folder, graph
         self.progress, self.started = Tail(folder / 'progress.jsonl'), time.monotonic()
-        self.rate_hz = load_timing().decision_rate_hz
         self.driven_ticks, self.episodes, self.simulated_s, self.ticks_per_s = 0, 0, 0.0, 0.0
 
     def follow(self) -> None:
@@ -82,7 +81,7 @@ class _Part:
         self.graph.check()
         for state in self.progress.new():
             self.ticks_per_s = state['ticks_per_s']
-            self.simulated_s = (self.driven_ticks + state['ticks']) / self.rate_hz
+            self.simulated_s = (self.driven_ticks + state['ticks']) / DECISION_HZ
             if state['done']:
                 self.episodes, self.driven_ticks = self.episodes + 1, self.driven_ticks + state['ticks']
 
@@ -106,7 +105,7 @@ def _start(graph: Graph, folder: Path, plan: SoakPlan) -> None:
         'loop': True,
         'image_height': rig[0].height,
         'image_width': rig[0].width,
-        'wait_for_image_subscribers': 2,
+        'wait_for_sensor_subscribers': 2,
         'rows_file': str(folder / 'rows.jsonl'),
         'progress_file': str(folder / 'progress.jsonl'),
     }

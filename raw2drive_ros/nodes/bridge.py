@@ -34,22 +34,21 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import run_node
+from raw2drive_ros.rates import DECISION_HZ, DIAGNOSTICS_HZ, ROUTE_EVERY_TICKS
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 from raw2drive_ros.timing import load_timing
 
-# name: (default, description).
+# Nodes that take odometry, and no other sensor topic.
+ODOMETRY_ONLY = ('safety_gate', 'command_adapter')
 PARAMETERS: dict[str, tuple[Any, str]] = {
     'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: the next three, then on'),
     'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
     'seed': (0, 'seed for ~/reset and for endless driving'),
     'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
-    'sim_driver': (
-        '',
-        'a driver that reads the simulation and proposes commands in place of a planner',
-    ),
+    'sim_driver': ('', 'a driver that reads the simulation and proposes commands in place of a planner'),
     'sim_driver_run': ('', 'stage-1 run of sim driver privileged'),
     'bench2drive_compat': (False, 'efficiency and comfort as Bench2Drive computes them'),
     'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
@@ -57,7 +56,10 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     'image_width': (160, 'camera image width in pixels'),
     'image_transport': ('raw', 'raw images, or compressed ones (JPEG)'),
     'bev': (True, 'publish privileged BEV masks'),
-    'wait_for_image_subscribers': (1, 'start when every sensor topic has so many subscribers; 0: at once'),
+    'wait_for_sensor_subscribers': (
+        1,
+        'start when every sensor topic has so many subscribers (a sim driver counts as one); 0: at once',
+    ),
     'result_file': ('', 'write results as JSON here when all episodes are driven'),
     'rows_file': ('', 'append a JSON line per finished episode here'),
     'progress_file': ('', 'append one JSON line per second of simulated time here'),
@@ -71,11 +73,7 @@ class BridgeNode(Node):
 
     def __init__(self) -> None:
         super().__init__('bridge')
-        p = declare(
-            self,
-            PARAMETERS,
-            live={'scenario': get_scenario, 'seed': _whole_number, 'weather': get_weather},
-        )
+        p = declare(self, PARAMETERS, live={'scenario': get_scenario, 'seed': _whole_number, 'weather': get_weather})
         self.p = p
         self.timing = load_timing()
         if p['image_height'] <= 0 or p['image_width'] <= 0:
@@ -92,10 +90,7 @@ class BridgeNode(Node):
         self.messages = TickMessages(RclpyFactory(), self.env.rig, compressed=self.compressed)
         self.losses = LossCounter()
         self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
-        self.outputs: dict[str, Any] = {}
-        for spec in topics.TOPICS:
-            if spec.publisher.startswith('bridge'):
-                self.outputs[spec.name] = make_publisher(self, spec.name)
+        self.outputs: dict[str, Any] = {name: make_publisher(self, name) for name in topics.BRIDGE_TOPICS}
         if self.sim_driver is not None:
             self.outputs[topics.PROPOSED] = make_publisher(self, topics.PROPOSED)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -103,7 +98,7 @@ class BridgeNode(Node):
         self.gate_start_over = self.create_client(Trigger, '/safety_gate/start_over')
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
-        self.create_timer(1.0, self.diagnostics.publish)
+        self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish)
         self.reset_to: RouteId | None = None
         self.proposed: Decision | None = None
         self.paused = False
@@ -168,8 +163,9 @@ class BridgeNode(Node):
             ticks += 1
             self.recent_ms.append((time.perf_counter() - self.tick_started) * 1e3)
             self.tick_ms.append(self.recent_ms[-1])
-            if ticks % 10 == 0:
+            if ticks % DECISION_HZ == 0:
                 self._progress(index, ticks)
+            if ticks % ROUTE_EVERY_TICKS == 0:
                 self._publish_route(tick, wait=False)
         self._publish(tick)
         self.results.append(result_of(self.env, bench2drive_compat=self.p['bench2drive_compat']).to_json())
@@ -267,39 +263,53 @@ class BridgeNode(Node):
             )
 
     def _wait_for_peers(self) -> None:
-        # Discovery matches topic by topic: every sensor topic counts, not only the first.
-        unused = {topics.IMU_EXTRINSICS}
-        unused |= {(topics.image_topic if self.compressed else topics.compressed_topic)(c) for c in topics.CAMERAS}
-        if self.sim_driver is not None:
-            sensors = [self.outputs[topics.PROPOSED]]
-        else:
-            sensors = [self.outputs[name] for name in topics.SENSOR_TOPICS if name not in unused]
-        wanted = int(self.p['wait_for_image_subscribers'])
-        if wanted == 0:
+        if int(self.p['wait_for_sensor_subscribers']) <= 0:
             return
+        wanted = self._wanted_subscribers()
         deadline = time.perf_counter() + self.timing.discovery_timeout_s
-        while (fewest := min(map(self._listeners, sensors))) < wanted or self.count_publishers(topics.COMMAND) < 1:
+        while missing := self._missing_peer(wanted):
             if time.perf_counter() > deadline:
-                if self.endless:
-                    self.get_logger().warning('no planner yet; waiting on')
-                    deadline = time.perf_counter() + self.timing.discovery_timeout_s
-                    continue
-                raise NodeError(
-                    f'{fewest} of {wanted} subscribers on every sensor topic and '
-                    f'{self.count_publishers(topics.COMMAND)} command publishers after '
-                    f'{self.timing.discovery_timeout_s:.0f} s: is the planner active and the gate running?'
-                )
+                if not self.endless:
+                    raise NodeError(
+                        f'{missing} after {self.timing.discovery_timeout_s:.0f} s: is the planner active and the gate '
+                        'running?'
+                    )
+                self.get_logger().warning(f'{missing} so far; waiting on')
+                deadline = time.perf_counter() + self.timing.discovery_timeout_s
             self.executor_.spin_once(timeout_sec=0.1)
         # Planner and gate have to find each other too, which nobody here can see.
         deadline = time.perf_counter() + 1.0
         while time.perf_counter() < deadline:
             self.executor_.spin_once(timeout_sec=0.1)
 
-    def _listeners(self, publisher: Any) -> int:
-        """Matched subscribers, the gate not among them: it takes odometry too, and not everybody runs one."""
-        gates = [s for s in self.get_subscriptions_info_by_topic(publisher.topic_name) if s.node_name == 'safety_gate']
-        in_place = publisher.topic_name != topics.PROPOSED
-        return int(publisher.get_subscription_count()) - len(gates) * in_place
+    def _wanted_subscribers(self) -> dict[str, int]:
+        """Subscribers to wait for, by topic: discovery matches topic by topic, and one says nothing about the next.
+
+        A sim driver is in the planner's place: it needs no topic to see, and what it proposes has to reach the gate.
+        """
+        listeners = int(self.p['wait_for_sensor_subscribers'])
+        unused = {topics.IMU_EXTRINSICS}
+        unused |= {(topics.image_topic if self.compressed else topics.compressed_topic)(c) for c in topics.CAMERAS}
+        sensors = [name for name in topics.SENSOR_TOPICS if name not in unused]
+        if self.sim_driver is None:
+            return dict.fromkeys(sensors, listeners)
+        return dict.fromkeys(sensors, listeners - 1) | {topics.PROPOSED: listeners}
+
+    def _missing_peer(self, wanted: dict[str, int]) -> str:
+        """The first that is not there yet, in words; '' when all are."""
+        for name, count in wanted.items():
+            if (found := self._listeners(name)) < count:
+                return f'{found} of {count} subscribers on {name}'
+        return '' if self.count_publishers(topics.COMMAND) else f'no publisher on {topics.COMMAND}'
+
+    def _listeners(self, name: str) -> int:
+        """Matched subscribers; on sensor topics without gate and command adapter, which take odometry alone."""
+        publisher = self.outputs[name]
+        found = int(publisher.get_subscription_count())
+        if name == topics.PROPOSED:
+            return found
+        subscribers = self.get_subscriptions_info_by_topic(publisher.topic_name)
+        return max(0, found - sum(subscriber.node_name in ODOMETRY_ONLY for subscriber in subscribers))
 
     def _progress(self, index: int, ticks: int, *, done: bool = False) -> None:
         if not self.p['progress_file']:

@@ -21,6 +21,7 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
+from raw2drive_ros.rates import DIAGNOSTICS_HZ, ROUTE_EVERY_TICKS
 from raw2drive_ros.settings import default_bundle
 
 DEFAULTS = CarlaSettings(imu_x_m=IMU_X_M)
@@ -54,16 +55,12 @@ class CarlaBridgeNode(Node):
         self.max_ticks = int(p['max_ticks'])
         self.messages = TickMessages(RclpyFactory(), rig, compressed=compressed)
         self.losses = LossCounter()
-        self.outputs = {
-            spec.name: make_publisher(self, spec.name)
-            for spec in topics.TOPICS
-            if spec.publisher.startswith('bridge') and not spec.privileged
-        }
+        self.outputs = {name: make_publisher(self, name) for name in topics.CARLA_BRIDGE_TOPICS}
         self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         # Last: whatever fails before it leaves nothing on the server, and it cleans up after itself.
         self.vehicle = CarlaVehicle(CarlaSettings(**{name: p[name] for name in names}, imu_x_m=IMU_X_M), rig)
-        self.create_timer(1.0, self.diagnostics.publish, clock=steady_clock())
+        self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish, clock=steady_clock())
         if self.vehicle.versions[0] != self.vehicle.versions[1]:
             self.get_logger().warning('client {} and server {} differ'.format(*self.vehicle.versions))
 
@@ -75,7 +72,7 @@ class CarlaBridgeNode(Node):
         self.commands.begin()
         ticks = 0
         while rclpy.ok() and (not self.max_ticks or ticks < self.max_ticks):
-            self._publish(tick, route=ticks % 10 == 0)
+            self._publish(tick, route=ticks % ROUTE_EVERY_TICKS == 0)
             control = self.commands.wait(tick.stamp_ns, executor, lambda tick=tick: self._publish(tick, route=True))
             tick = self.vehicle.step(control)
             ticks += 1

@@ -26,6 +26,7 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
+from raw2drive_ros.rates import DIAGNOSTICS_HZ
 from raw2drive_ros.timing import load_timing
 
 
@@ -70,7 +71,7 @@ class CommandAdapterNode(Node):
         make_subscription(self, topics.ODOMETRY, self._on_odometry, self.losses)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         steady = steady_clock()
-        self.create_timer(1.0, self.diagnostics.publish, clock=steady)
+        self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish, clock=steady)
         self.create_timer(1.0 / timing.gate_rate_hz, self._publish, clock=steady)
         self.get_logger().info(f'{topics.COMMAND} as {self.adapter.msgtype} on {topic}')
 

@@ -15,6 +15,7 @@ from raw2drive_ros.contract import Control
 from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.errors import ContractError
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription
+from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
 
 RESEND_AFTER_S = 1.0
@@ -63,7 +64,7 @@ class CommandWait:
             deadline = started + self.timing.lock_step_timeout_s
         else:
             # A fixed schedule: simulating a tick takes from its own time, not from the next one's.
-            self.due = max(self.due + 1.0 / self.timing.decision_rate_hz, started)
+            self.due = max(self.due + 1.0 / DECISION_HZ, started)
             deadline = self.due
             executor.spin_once(timeout_sec=0.0)
         again = started + RESEND_AFTER_S

@@ -21,6 +21,7 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class, profile_of
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
+from raw2drive_ros.rates import DIAGNOSTICS_HZ
 
 DELIVER_HZ = 200.0
 
@@ -55,7 +56,7 @@ class FaultInjectorNode(Node):
             make_subscription(self, name, self._passer(spec, output), self.losses, raw=True)
         self.create_timer(1.0 / DELIVER_HZ, self._deliver, clock=steady_clock())
         self.reported: dict[str, int] = {}
-        self.create_timer(1.0, self._report, clock=steady_clock())
+        self.create_timer(1.0 / DIAGNOSTICS_HZ, self._report, clock=steady_clock())
         self.get_logger().info(f'{p["plan"]}: {", ".join(f"{f.kind} {f.topic} from {f.start_s} s" for f in faults)}')
 
     def _passer(self, spec: topics.TopicSpec, output: Publisher) -> Any:

@@ -35,6 +35,7 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, spin, steady_clock
+from raw2drive_ros.rates import DECISION_HZ, DIAGNOSTICS_HZ
 from raw2drive_ros.timing import load_timing
 
 BACK_S = 0.5
@@ -68,9 +69,9 @@ class PlannerNode(LifecycleNode):
         self._inputs: list[Any] = []
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.watch_clock = steady_clock()
-        self.create_timer(1.0, self.diagnostics.publish, clock=self.watch_clock)
+        self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish, clock=self.watch_clock)
         # Silence has no callback of its own.
-        self.create_timer(0.1, self._watch, clock=self.watch_clock)
+        self.create_timer(1.0 / DECISION_HZ, self._watch, clock=self.watch_clock)
         # A bag that starts over, a simulation that is set back: what was seen belongs to another time.
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(seconds=-BACK_S), on_clock_change=False)
         self.jumps = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)

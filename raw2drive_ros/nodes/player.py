@@ -138,7 +138,7 @@ class PlayerNode(Node):
 
     def _say_again(self, reader: Any, connections: list[Any], start_ns: int) -> None:
         """Routes and mounting poses from before the start, which are sent once."""
-        latched = [c for c in connections if topics.BY_NAME[c.topic].latched]
+        latched = [c for c in connections if topics.BY_NAME[c.topic].qos.latched]
         last: dict[str, bytes] = {}
         if latched:
             for connection, _, data in messages_in(reader, connections=latched, stop=start_ns):

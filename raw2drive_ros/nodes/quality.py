@@ -42,9 +42,9 @@ def message_class(msgtype: str) -> Any:
 def profile_of(spec: topics.TopicSpec, depth: int | None = None) -> QoSProfile:
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=depth or spec.depth,
-        reliability=ReliabilityPolicy.RELIABLE if spec.reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if spec.latched else DurabilityPolicy.VOLATILE,
+        depth=depth or spec.qos.depth,
+        reliability=ReliabilityPolicy.RELIABLE if spec.qos.reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if spec.qos.latched else DurabilityPolicy.VOLATILE,
     )
 
 

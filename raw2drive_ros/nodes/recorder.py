@@ -20,6 +20,7 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class
 from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_clock
+from raw2drive_ros.rates import DIAGNOSTICS_HZ
 from raw2drive_ros.recording.bag_reader import partial_folder
 from raw2drive_ros.recording.recorder import Recording, RingBuffer
 
@@ -74,7 +75,7 @@ class RecorderNode(Node):
             self.create_timer(p['flush_s'], self._flush, clock=steady_clock())
         self.create_service(Trigger, '~/save', self._on_save)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
-        self.create_timer(1.0, self.diagnostics.publish, clock=steady_clock())
+        self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish, clock=steady_clock())
         for spec in topics.TOPICS:
             make_subscription(self, spec.name, self._writer(spec.name), self.losses, raw=True, depth=DEPTH)
 

@@ -22,6 +22,7 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_clock
+from raw2drive_ros.rates import DIAGNOSTICS_HZ
 from raw2drive_ros.timing import load_timing
 
 STOP_AT_END_S = 8.0
@@ -73,7 +74,7 @@ class SafetyGateNode(Node):
             self.create_service(Trigger, '~/start_over', self._on_start_over)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         steady = steady_clock()
-        self.create_timer(1.0, self.diagnostics.publish, clock=steady)
+        self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish, clock=steady)
         # On the steady clock: a paused simulation must not silence the gate.
         self.create_timer(1.0 / timing.gate_rate_hz, self._on_timer, clock=steady)
 

@@ -37,6 +37,7 @@ from raw2drive_ros.errors import BundleError, ContractError, NodeError, UnsafeEr
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import make_publisher, message_class
 from raw2drive_ros.nodes.runtime import StopRequest, run_node
+from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
 
 # Discovery takes a fraction of a second as a rule; on a busy machine it has taken more than the first of these.
@@ -194,7 +195,7 @@ class VehicleProbeNode(Node):
     def _try(self, executor: SingleThreadedExecutor, output: Any, step: Step) -> Trial:
         """Raises UnsafeError when the car must not be moved on."""
         self.trial, self.trial_started = Trial(step.name, step.control), time.monotonic()
-        period_s = 1.0 / load_timing().decision_rate_hz
+        period_s = 1.0 / DECISION_HZ
         due = self.trial_started
         while time.monotonic() < self.trial_started + step.seconds:
             self._require_safe()

@@ -27,7 +27,7 @@ SIMULATED_BELOW_NS = 10 * 365 * 86_400 * 10**9
 ONE_A_STAMP = frozenset(
     spec.name
     for spec in topics.TOPICS
-    if not spec.latched and spec.name not in (topics.CLOCK, topics.DIAGNOSTICS, topics.PROPOSED, topics.COMMAND)
+    if not spec.qos.latched and spec.name not in (topics.CLOCK, topics.DIAGNOSTICS, topics.PROPOSED, topics.COMMAND)
 )
 
 

@@ -93,12 +93,12 @@ def git_revision() -> str:
     return head + ('+' if dirty else '')
 
 
-def _qos(spec: topics.TopicSpec) -> Qos:
+def _qos(profile: topics.QosProfile) -> Qos:
     return Qos(
         QosHistory.KEEP_LAST,
-        spec.depth,
-        QosReliability.RELIABLE if spec.reliable else QosReliability.BEST_EFFORT,
-        QosDurability.TRANSIENT_LOCAL if spec.latched else QosDurability.VOLATILE,
+        profile.depth,
+        QosReliability.RELIABLE if profile.reliable else QosReliability.BEST_EFFORT,
+        QosDurability.TRANSIENT_LOCAL if profile.latched else QosDurability.VOLATILE,
         QosTime(0, 0),
         QosTime(0, 0),
         QosLiveliness.AUTOMATIC,
@@ -181,7 +181,7 @@ class BagWriter:
         msgtype = foreign[0] if foreign is not None else topics.BY_NAME[topic].msgtype
         if foreign is not None and msgtype not in typestore.types:
             typestore.register(get_types_from_msg(foreign[1], msgtype))
-        qos = [_qos(spec)] if spec is not None and spec.msgtype == msgtype else []
+        qos = [_qos(spec.qos)] if spec is not None and spec.msgtype == msgtype else []
         return self.writer.add_connection(topic, msgtype, typestore=typestore, offered_qos_profiles=qos)
 
     def flush(self) -> None:

@@ -48,7 +48,7 @@ class Recording:
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Raises DiskFullError; what was written before stays."""
         assert self._writer is not None
-        latched = topics.BY_NAME[topic].latched
+        latched = topics.BY_NAME[topic].qos.latched
         if latched or topic == topics.DIAGNOSTICS or stamp_ns == 0:
             if self._newest_ns is None:
                 self._wait(topic, stamp_ns, data)
@@ -68,11 +68,13 @@ class Recording:
 
     def _wait(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Hours may pass before a vehicle comes; what is said once must not be forgotten meanwhile."""
-        if topics.BY_NAME[topic].latched:
+        if topics.BY_NAME[topic].qos.latched:
             self._latched[topic] = data
             self._waiting = [held for held in self._waiting if held[0] != topic]
         elif len(self._waiting) >= MAX_WAITING:
-            self._waiting.pop(next(i for i, held in enumerate(self._waiting) if not topics.BY_NAME[held[0]].latched))
+            self._waiting.pop(
+                next(i for i, held in enumerate(self._waiting) if not topics.BY_NAME[held[0]].qos.latched)
+            )
         self._waiting.append((topic, stamp_ns, data))
 
     def _near(self, stamp_ns: int) -> int:
@@ -151,7 +153,7 @@ class RingBuffer:
 
     def add(self, topic: str, stamp_ns: int, data: bytes, now_ns: int) -> None:
         """now_ns: when it arrived; a clock that jumps by more than `seconds`, either way, leaves what was before."""
-        if topics.BY_NAME[topic].latched:
+        if topics.BY_NAME[topic].qos.latched:
             self._latched[topic] = data
             return
         self.held.append(Held(now_ns, stamp_ns, topic, data))

@@ -13,11 +13,12 @@ from raw2drive_ros.contract import Control, Decision
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult
+from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.report.overview import Overview
 from raw2drive_ros.report.panels import Rgb, canvas_of, mp4, plot_controls, put, put_mosaic, text
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.world import DECISION_HZ, World
+from raw2drive_ros.simulation.world import World
 
 SECONDS = 6.0
 GAP, TILE = 12, (320, 192)

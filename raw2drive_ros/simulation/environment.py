@@ -24,6 +24,7 @@ from raw2drive_ros.contract import (
     SensorFrame,
 )
 from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
+from raw2drive_ros.rates import DECISION_HZ, DECISION_NS, PHYSICS_HZ, PHYSICS_NS, SUBSTEPS
 from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
@@ -33,10 +34,8 @@ from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import Rng, get_scenario, rng_for
 from raw2drive_ros.simulation.variation import NO_VARIATION, Variation, picture_rng
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
-from raw2drive_ros.simulation.world import DECISION_HZ, PHYSICS_HZ, SUBSTEPS, World
+from raw2drive_ros.simulation.world import World
 
-TICK_NS = 1_000_000_000 // DECISION_HZ
-PHYSICS_NS = 1_000_000_000 // PHYSICS_HZ
 CLOCK_START_NS = 1_000_000_000
 
 
@@ -83,7 +82,7 @@ class DrivingEnv(AbstractEnv):
         self.rig: tuple[CameraCalibration, ...] = camera_rig(*self.simulation.image_size)
         self.renderer = CameraRenderer(self.rig, self.simulation.supersampling)
         self.world: World | None = None
-        self.clock_ns = CLOCK_START_NS - TICK_NS
+        self.clock_ns = CLOCK_START_NS - DECISION_NS
         self.noise_rng: Rng = np.random.default_rng(0)
         gym.Env.__init__(self)
         self.config = {'policy_frequency': DECISION_HZ, 'simulation_frequency': PHYSICS_HZ}
@@ -123,7 +122,7 @@ class DrivingEnv(AbstractEnv):
         if self.simulation.cameras:
             self._new_pictures(self.world)
         self.bev = BevRenderer(self.world) if self.simulation.bev else None
-        self.clock_ns += TICK_NS
+        self.clock_ns += DECISION_NS
         self.route = Route(self.clock_ns, self.world.checkpoints_m())
         self.done = False
         self.reward_sum = 0.0

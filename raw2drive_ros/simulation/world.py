@@ -10,6 +10,7 @@ import numpy as np
 
 from raw2drive_ros.contract import Control, Float64
 from raw2drive_ros.errors import LayoutError
+from raw2drive_ros.rates import PHYSICS_HZ
 from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, fork_of
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
@@ -33,9 +34,6 @@ from raw2drive_ros.simulation.scenario import (
 from raw2drive_ros.simulation.scripts import Meeting
 from raw2drive_ros.simulation.signals import StopSign, TrafficLight
 
-PHYSICS_HZ = 20
-DECISION_HZ = 10
-SUBSTEPS = PHYSICS_HZ // DECISION_HZ
 HISTORY_TICKS = 16
 CURVE_LATERAL_MPS2 = 3.0
 CURVE_BRAKING_MPS2 = 2.0

@@ -23,9 +23,9 @@ def good() -> Observation:
     for name in expected(CAMERAS, compressed=False):
         spec = topics.BY_NAME[name]
         period = round(1e9 / spec.rate_hz) if spec.rate_hz else 0
-        stamps = [i * period for i in range(20)] if period and not spec.latched else [0]
+        stamps = [i * period for i in range(20)] if period and not spec.qos.latched else [0]
         frame = FRAMES.get(name) or (BASE_FRAME if 'extrinsics' in name else optical_frame(name.split('/')[3]))
-        seen.topics[name] = TopicSeen((spec.msgtype,), 1, True, spec.latched, stamps, [0.02] * len(stamps), {frame})
+        seen.topics[name] = TopicSeen((spec.msgtype,), 1, True, spec.qos.latched, stamps, [0.02] * len(stamps), {frame})
     rng = np.random.default_rng(0)
     for camera in RIG:
         seen.calibrations[camera.name] = camera

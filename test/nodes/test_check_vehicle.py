@@ -13,7 +13,7 @@ import pytest
 from raw2drive_ros.graph.processes import reserve_domain, running_graph
 
 ROOT = Path(__file__).resolve().parents[2]
-BRIDGE = {'lock_step': False, 'wait_for_image_subscribers': 0, 'seed': 1}
+BRIDGE = {'lock_step': False, 'wait_for_sensor_subscribers': 0, 'seed': 1}
 
 
 def check(domain: int, *arguments: str) -> tuple[int, list[dict]]:

@@ -1,0 +1,42 @@
+"""The topic table: what each publisher has, and what bags and nodes offer."""
+
+from collections import Counter
+
+from raw2drive_ros import topics
+from raw2drive_ros.topics import Publisher, published_by
+
+
+def test_every_topic_is_once_in_the_table_and_has_one_publisher() -> None:
+    assert max(Counter(spec.name for spec in topics.TOPICS).values()) == 1
+    assert sorted(name for each in Publisher for name in published_by(each)) == sorted(topics.BY_NAME)
+
+
+def test_who_publishes_what() -> None:
+    assert published_by(Publisher.CLOCK_SOURCE) == (topics.CLOCK,)
+    assert published_by(Publisher.PLANNER) == (topics.PROPOSED,)
+    assert published_by(Publisher.GATE) == (topics.COMMAND,)
+    assert published_by(Publisher.COLLECTOR) == (topics.ADVICE,)
+    assert published_by(Publisher.ANY_NODE) == (topics.DIAGNOSTICS,)
+    assert published_by(Publisher.SIMULATION) == (topics.BEV, topics.EGO, topics.TRANSITION)
+    motion = (topics.IMU, topics.IMU_EXTRINSICS, topics.ODOMETRY, topics.ROUTE)
+    assert published_by(Publisher.VEHICLE)[-4:] == motion
+    assert len(published_by(Publisher.VEHICLE)) == 4 * len(topics.CAMERAS) + len(motion)
+
+
+def test_a_vehicle_publishes_nothing_privileged_and_what_is_privileged_has_no_other_publisher() -> None:
+    privileged = {spec.name for spec in topics.TOPICS if spec.privileged}
+    assert privileged == set(published_by(Publisher.SIMULATION, Publisher.COLLECTOR))
+    assert not privileged & {*topics.SENSOR_TOPICS, *topics.CARLA_BRIDGE_TOPICS}
+
+
+def test_the_offered_qos_is_what_bags_have_always_held() -> None:
+    found = Counter((s.qos.reliable, s.qos.latched, s.qos.depth) for s in topics.TOPICS)
+    assert found == {
+        # 6 cameras with 3 topics, 4 privileged ones; mounting poses of cameras and IMU, route; commands; motion; clock
+        # and diagnostics.
+        (True, False, 5): 18 + 4,
+        (True, True, 1): 6 + 1 + 1,
+        (True, False, 1): 2,
+        (True, False, 20): 2,
+        (True, False, 10): 2,
+    }
