@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--bench2drive-compat', action='store_true', help='efficiency and comfort as Bench2Drive computes them'
     )
-    parser.add_argument('--bench2drive_compat', dest='bench2drive_compat', action='store_true', help=argparse.SUPPRESS)
+    parser.add_argument('--quirks', action='store_true', help=argparse.SUPPRESS)
     parser.add_argument('--threads', type=int, default=1, help='torch threads')
     parser.add_argument('--workers', type=int, default=1, help='processes that drive at the same time')
     parser.add_argument('--graph', action='store_true', help='drive through the real ROS graph')
@@ -64,8 +64,8 @@ def run(options: argparse.Namespace) -> int:
     cv2.setNumThreads(1)
     if options.faults is not None:
         return _run_faults(options)
-    if options.bench2drive_compat:
-        warn_old('--bench2drive_compat', '--bench2drive-compat')
+    if options.quirks:
+        warn_old('--quirks', '--bench2drive-compat')
         options.bench2drive_compat = True
     _check(options)
     suite, version, routes = chosen_routes(options)

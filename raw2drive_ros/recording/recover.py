@@ -52,7 +52,7 @@ def recover(path: Path, out: Path) -> Recovery:
     """
     files = find_mcap(path)
     found = Recovery(out)
-    metadata = _facts(files[0]) | {'recovered_from': path.name}
+    metadata = _provenance(files[0]) | {'recovered_from': path.name}
     with whole_bag(out, metadata) as bag:
         for file in files:
             _copy(file, bag, found)
@@ -65,15 +65,15 @@ def recover(path: Path, out: Path) -> Recovery:
     return found
 
 
-def _facts(file: Path) -> dict[str, str]:
+def _provenance(file: Path) -> dict[str, str]:
     """Provenance beside the file; a damaged one is no reason to lose the messages."""
     try:
-        return _read_facts(file)
+        return _read_provenance(file)
     except (OSError, ValueError, AttributeError, TypeError, yaml.YAMLError):
         return {'provenance': 'damaged'}
 
 
-def _read_facts(file: Path) -> dict[str, str]:
+def _read_provenance(file: Path) -> dict[str, str]:
     for folder in (file.parent, file.parent.parent):
         if (folder / PROVENANCE).is_file():
             return {k: str(v) for k, v in json.loads((folder / PROVENANCE).read_text()).items()}

@@ -84,8 +84,8 @@ def _density(axis: Axes, predicted: Float64, true: Float64, name: str, of: str, 
     from matplotlib.colors import LogNorm
 
     axis.set(xlabel=of, ylabel=f'predicted {name}')
-    metadata = [f'{key} {found[key]:.3f}' for key in ('r2', 'correlation', 'bias') if found[key] is not None]
-    axis.set_title(f'{name}, {found["states"]} states\n{", ".join(metadata)}', fontsize=10)
+    figures = [f'{key} {found[key]:.3f}' for key in ('r2', 'correlation', 'bias') if found[key] is not None]
+    axis.set_title(f'{name}, {found["states"]} states\n{", ".join(figures)}', fontsize=10)
     if not len(true):
         return
     low, high = (float(np.quantile(np.concatenate([predicted, true]), q)) for q in (TAIL, 1.0 - TAIL))

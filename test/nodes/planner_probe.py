@@ -1,4 +1,4 @@
-"""A probe that does everything wrong to a planner and a gate; run by test_peers.py in a process of its own.
+"""A probe that does everything wrong to a planner and a gate; run by test_probes.py in a process of its own.
 
 Prints one JSON line: what was answered to each wrong request, and whether both nodes still work afterwards.
 """

@@ -82,7 +82,7 @@ def slow_cyclists(rng: Rng) -> Scene:
     where = float(rng.uniform(55, 70))
     speed = float(rng.uniform(1.2, 1.8))
     riders = tuple(
-        TrafficSpec('forward', where + gap, speed, kind='cyclist', lateral_m=-1.0, ignores_traffic=True)
+        TrafficSpec('forward', where + gap, speed, lane=1, kind='cyclist', lateral_m=-0.8, ignores_traffic=True)
         for gap in (0.0, 4.0)
     )
     # Long before and long after: the cyclists move on while the ego passes them.
