@@ -17,7 +17,8 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from raw2drive_ros.evaluation.statistics import Results, compare, read_results, summary
+from raw2drive_ros.evaluation.results import Results, read_results
+from raw2drive_ros.evaluation.statistics import compare, summary
 from raw2drive_ros.training.recipe import load_recipe
 
 SUITE = 'validation'

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import argparse
 
-from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate
+from raw2drive_ros.evaluation.driver_spec import DriverSpec
+from raw2drive_ros.evaluation.evaluate import Conditions, evaluate
 from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.graph.drive import evaluate_graph
 from raw2drive_ros.settings import default_bundle

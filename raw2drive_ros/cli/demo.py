@@ -36,9 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.table import print_events, print_results
-    from raw2drive_ros.evaluation.evaluate import summarise
-    from raw2drive_ros.evaluation.metrics import RouteResult
     from raw2drive_ros.evaluation.routes import SUITE_VERSION
+    from raw2drive_ros.evaluation.statistics import summarise
     from raw2drive_ros.graph.drive import GraphJob, drive_graph
     from raw2drive_ros.graph.processes import reserve_domain
     from raw2drive_ros.progress import bar
@@ -65,8 +64,7 @@ def run(options: argparse.Namespace) -> int:
     )
     with reserve_domain(options.domain) as domain, bar('driving', 100.0, '%') as advance:
         rows, timing = drive_graph(job, domain, advance)
-    results = [RouteResult(**row) for row in rows]
-    result = summarise('raw', options.routes, SUITE_VERSION, routes, results, timing)
+    result = summarise('raw', options.routes, SUITE_VERSION, routes, rows, timing)
     made = {'result': options.out / 'result.json', 'bag': options.out / 'bag'}
     if not options.no_video:
         made |= _pictures(options.out, bundle, result)

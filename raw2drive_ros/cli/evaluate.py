@@ -55,8 +55,10 @@ def run(options: argparse.Namespace) -> int:
     import cv2
 
     from raw2drive_ros.cli.table import print_results
-    from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate, filmstrips_of
+    from raw2drive_ros.evaluation.driver_spec import DriverSpec
+    from raw2drive_ros.evaluation.evaluate import Conditions, evaluate
     from raw2drive_ros.evaluation.metrics import RouteResult
+    from raw2drive_ros.evaluation.results import filmstrips_of
     from raw2drive_ros.progress import bar
     from raw2drive_ros.report.filmstrip import FilmstripRecorder
     from raw2drive_ros.settings import default_bundle

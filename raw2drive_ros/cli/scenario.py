@@ -68,7 +68,7 @@ def print_list() -> int:
 
 def _reward(options: argparse.Namespace) -> int:
     """Drive twice under the rules of training, and plot the terms of the reward."""
-    from raw2drive_ros.evaluation.evaluate import DriverSpec
+    from raw2drive_ros.evaluation.driver_spec import DriverSpec
     from raw2drive_ros.report.reward_plot import save_reward_plot, trace
     from raw2drive_ros.settings import default_bundle
     from raw2drive_ros.simulation.route_id import RouteId
@@ -92,7 +92,7 @@ def _show(options: argparse.Namespace) -> int:
     import cv2
 
     from raw2drive_ros.errors import UsageError
-    from raw2drive_ros.evaluation.evaluate import DriverSpec
+    from raw2drive_ros.evaluation.driver_spec import DriverSpec
     from raw2drive_ros.report.scene import SECONDS, outcome_of, save_film, save_picture
     from raw2drive_ros.settings import default_bundle
     from raw2drive_ros.simulation.camera_rig import SIZES

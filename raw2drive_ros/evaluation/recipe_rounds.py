@@ -14,6 +14,7 @@ from typing import Any
 
 from raw2drive_ros.artifact import restore_folder, whole_folder
 from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.evaluation.results import read_results
 from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.progress import bar
 from raw2drive_ros.training.recipe import Collection, Recipe
@@ -74,7 +75,7 @@ def watch(title: str, jobs: list[Job], total: int, unit: str) -> None:
 
 
 def run_recipe(recipe: Recipe, run: Path, cache: Path, overrides: dict[str, Any], workers: int) -> None:
-    """All rounds that are not done yet. Raises CheckpointError, BagError or ConfigError."""
+    """All rounds that are not done yet. Raises CheckpointError, BagError, ConfigError or ResultsError."""
     for index in range(len(recipe.rounds)):
         title = f'round {index + 1} of {len(recipe.rounds)}'
         newest = newest_checkpoint(run / 'checkpoints')
@@ -136,7 +137,7 @@ def _validate(recipe: Recipe, index: int, run: Path, workers: int, title: str) -
     arguments += ['--suite', recipe.validation, '--workers', str(workers), '--out', str(results), '--json']
     job = Job(arguments, run / 'logs' / f'validation_{index + 1:02d}.log')
     watch(f'{title}: validation', [job], len(load_suite(recipe.validation).routes), 'routes')
-    rows = [json.loads(line) for line in results.read_text().splitlines()[1:]]
+    rows = read_results(results).rows
     score = sum(row['driving_score'] for row in rows) / len(rows)
     success = 100.0 * sum(row['success'] for row in rows) / len(rows)
     RunFolder(run).log(int(newest.name), {'validation/driving_score': score, 'validation/success_percent': success})
@@ -145,13 +146,14 @@ def _validate(recipe: Recipe, index: int, run: Path, workers: int, title: str) -
 
 
 def failures_by_type(run: Path, index: int) -> dict[str, float]:
-    """Type -> share of its routes that failed in the last two validations before round `index`."""
+    """Type -> share of its routes that failed in the last two validations before round `index`. Raises ResultsError."""
     files = [run / 'validation' / f'round_{number:02d}.jsonl' for number in (index - 1, index)]
     driven: dict[str, list[bool]] = {}
-    for file in filter(Path.is_file, files):
-        for line in file.read_text().splitlines()[1:]:
-            row = json.loads(line)
-            driven.setdefault(row['type'], []).append(bool(row['success']))
+    for file in files:
+        # A validation that was killed at its very beginning has not written its header.
+        if file.is_file() and file.stat().st_size:
+            for row in read_results(file).rows:
+                driven.setdefault(row['type'], []).append(row['success'])
     return {kind: 1.0 - sum(rows) / len(rows) for kind, rows in driven.items()}
 
 

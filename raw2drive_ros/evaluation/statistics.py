@@ -6,20 +6,17 @@ averaged first. A route that was wanted and has no row counts as zero.
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from raw2drive_ros.errors import ResultsError
-from raw2drive_ros.evaluation.metrics import ABILITIES, bootstrap
+from raw2drive_ros.evaluation.metrics import ABILITIES, RouteResult, bootstrap
+from raw2drive_ros.evaluation.results import OPTIONAL, Results, Row, id_of
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import load_scenarios
 
-Row = dict[str, Any]
 Unit = tuple[str, int]
 # (name in results, unit of one drive's value); undefined values of the last two are left out, not zero.
 SCORES: dict[str, Callable[[Row], float]] = {
@@ -27,87 +24,8 @@ SCORES: dict[str, Callable[[Row], float]] = {
     'success_rate': lambda row: 100.0 * row['success'],
     'route_completion': lambda row: row['route_completion'],
 }
-OPTIONAL = ('efficiency', 'comfort')
-NUMBERS = ('route_completion', 'infraction_score', 'driving_score')
 FLIPS = 10_000
 SIGNIFICANT = 0.05
-
-
-class Results(NamedTuple):
-    """header: the file's first record. rows: by finished drive, in the order of the wanted routes."""
-
-    header: Row
-    rows: list[Row]
-
-    @property
-    def driver(self) -> str:
-        return str(self.header['driver'])
-
-    @property
-    def wanted(self) -> list[RouteId]:
-        return [RouteId.parse(text) for text in self.header['routes']]
-
-    @property
-    def missing(self) -> list[RouteId]:
-        """Wanted routes without a row: they count as zero."""
-        done = {id_of(row) for row in self.rows}
-        return [route for route in self.wanted if route not in done]
-
-    def by_id(self) -> dict[RouteId, Row | None]:
-        found = {id_of(row): row for row in self.rows}
-        return {route: found.get(route) for route in self.wanted}
-
-
-def id_of(row: Row) -> RouteId:
-    return RouteId.parse(row['id'])
-
-
-def read_results(path: Path) -> Results:
-    """A file that `raw2drive evaluate --out` wrote or is writing: a torn last line is left out, the later of two rows
-    of one route counts. Raises ResultsError."""
-    try:
-        lines = path.read_text(encoding='utf-8').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ResultsError(f'{path}: cannot be read: {error}') from error
-    records: list[Row] = []
-    for number, line in enumerate(lines, 1):
-        try:
-            record = json.loads(line)
-            records.append(_checked_row(record) if records else _checked_header(record))
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            if isinstance(error, json.JSONDecodeError) and number == len(lines) and records:
-                continue
-            raise ResultsError(f'{path}: line {number} is not a result: {type(error).__name__}: {error}') from error
-    if not records:
-        raise ResultsError(f'{path}: is empty')
-    header, *rows = records
-    found = {id_of(row): row for row in rows}
-    wanted = dict.fromkeys(Results(header, []).wanted)
-    if strange := [str(route) for route in found if route not in wanted]:
-        raise ResultsError(f'{path}: holds {strange[0]}, which is not among the routes that its header lists')
-    return Results(header, [found[route] for route in wanted if route in found])
-
-
-def _checked_header(record: Row) -> Row:
-    if not isinstance(record['routes'], list) or not record['routes']:
-        raise ValueError('routes: not a list of route ids')
-    for text in record['routes']:
-        RouteId.parse(text)
-    return record | {name: str(record[name]) for name in ('driver', 'suite', 'version')}
-
-
-def _checked_row(record: Row) -> Row:
-    RouteId.parse(record['id'])
-    for name in (*NUMBERS, *OPTIONAL, 'duration_s', 'reward'):
-        if name in OPTIONAL and record.get(name) is None:
-            continue
-        if not math.isfinite(value := record[name]):
-            raise ValueError(f'{name}: {value} is not finite')
-    if not isinstance(record['success'], bool):
-        raise TypeError('success: neither true nor false')
-    if not all(isinstance(count, int) for count in record['infractions'].values()):
-        raise TypeError('infractions: not a table of counts')
-    return record | {'failure': str(record['failure']), 'signs_obeyed': bool(record['signs_obeyed'])}
 
 
 def _units(pairs: Iterable[tuple[RouteId, float | None]]) -> dict[Unit, float]:
@@ -239,3 +157,38 @@ def verdict(interval: dict[str, float], p: float) -> str:
     if p >= SIGNIFICANT or interval['low'] <= 0.0 <= interval['high']:
         return 'undecided'
     return 'yes' if interval['low'] > 0.0 else 'no'
+
+
+def summarise(
+    driver: str,
+    suite: str,
+    version: str,
+    routes: Sequence[RouteId],
+    rows: Sequence[RouteResult],
+    timing: dict[str, Any],
+) -> dict[str, Any]:
+    """The one form of results for machines. Routes without a row count as zero and are listed under `missing`."""
+    header = {'driver': driver, 'suite': suite, 'version': version}
+    results = Results(header | {'routes': [str(route) for route in routes]}, [row.to_json() for row in rows])
+    return {
+        **header,
+        'routes': [row for row in results.by_id().values() if row is not None],
+        'missing': [str(route) for route in results.missing],
+        'summary': summary(results),
+        'abilities': by_ability(results),
+        'flaky': flaky(results),
+        'timing': timing,
+    }
+
+
+def timing_of(tick_ms: list[float], lost: int = 0) -> dict[str, Any]:
+    """p50 and p99 of the tick time, and the rate that it allows."""
+    if not tick_ms:
+        return {'tick_ms': {'p50': None, 'p99': None}, 'ticks_per_s': None, 'messages_lost': lost}
+    p50, p99 = np.percentile(tick_ms, [50, 99])
+    rate = 1000.0 / float(np.mean(tick_ms))
+    return {
+        'tick_ms': {'p50': round(float(p50), 3), 'p99': round(float(p99), 3)},
+        'ticks_per_s': round(rate, 1),
+        'messages_lost': lost,
+    }

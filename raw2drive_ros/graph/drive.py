@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec
+    from raw2drive_ros.evaluation.driver_spec import DriverSpec
+    from raw2drive_ros.evaluation.evaluate import Conditions
     from raw2drive_ros.evaluation.metrics import RouteResult
     from raw2drive_ros.graph.processes import Graph
     from raw2drive_ros.simulation.route_id import RouteId
 
-OnRow = Callable[[dict[str, Any]], None]
+OnRow = Callable[['RouteResult'], None]
 OnProgress = Callable[[float, str], None]
 POLL_S = 0.3
 
@@ -46,12 +47,13 @@ def drive_graph(
     domain: int,
     on_progress: OnProgress = lambda done, note: None,
     on_row: OnRow = lambda row: None,
-) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+) -> tuple[list[RouteResult], dict[str, Any]]:
     """Start the nodes, wait for the bridge to finish, end them: (rows, timing).
 
     on_progress: percent of all routes, and a note. on_row: each row as soon as its route is driven.
-    Raises GraphError when any process dies.
+    Raises GraphError when any process dies, ResultsError for a row that is none.
     """
+    from raw2drive_ros.evaluation.results import result_from_row
     from raw2drive_ros.graph.processes import running_graph
 
     out = job.out
@@ -61,6 +63,7 @@ def drive_graph(
         # The planner and the recorder first write their figures, then the rest may go.
         graph.end(order=('planner', 'recorder'))
     driven = json.loads((out / 'bridge.json').read_text())
+    rows = [result_from_row(row, f'{out / "bridge.json"}: row {n}') for n, row in enumerate(driven['routes'], 1)]
     timing: dict[str, Any] = driven['timing']
     if job.bundle is not None:
         planned = json.loads((out / 'planner.json').read_text())
@@ -68,7 +71,7 @@ def drive_graph(
         timing['messages_lost'] += planned['messages_lost']
     if job.record:
         timing['messages_lost'] += json.loads((out / 'recorder.json').read_text())['messages_lost']
-    return driven['routes'], timing
+    return rows, timing
 
 
 def _start(graph: Graph, job: GraphJob) -> None:
@@ -113,14 +116,16 @@ def _start(graph: Graph, job: GraphJob) -> None:
 
 
 def _wait(graph: Graph, out: Path, count: int, on_progress: OnProgress, on_row: OnRow) -> None:
-    """Until the bridge has finished. Raises GraphError when any process dies."""
+    """Until the bridge has finished. Raises GraphError when any process dies, ResultsError for a row that is none."""
+    from raw2drive_ros.evaluation.results import result_from_line
+
     progress, rows = Tail(out / 'progress.jsonl'), Tail(out / 'rows.jsonl')
     running = True
     while running:
         running = not graph.ended('bridge')
         graph.check(may_end=('bridge',))
-        for row in rows.new():
-            on_row(row)
+        for number, line in rows.lines():
+            on_row(result_from_line(line, f'{rows.path}: line {number}'))
         for state in progress.new()[-1:]:
             done = state['index'] + (1.0 if state['done'] else state['completion'] / 100.0)
             on_progress(100.0 * done / count, f'{state["episode"]} {state["ticks_per_s"]} ticks/s')
@@ -133,10 +138,14 @@ class Tail:
     """JSON lines that another process appends."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.read = path, 0
+        self.path, self.read, self.count = path, 0, 0
 
     def new(self) -> list[dict[str, Any]]:
-        """Whole lines since the last call."""
+        """The records of `lines`."""
+        return [json.loads(line) for _, line in self.lines()]
+
+    def lines(self) -> list[tuple[int, bytes]]:
+        """Whole lines since the last call, each with its number in the file, from 1 on."""
         if not self.path.exists():
             return []
         with self.path.open('rb') as file:
@@ -144,7 +153,9 @@ class Tail:
             data = file.read()
         whole = data[: data.rfind(b'\n') + 1]
         self.read += len(whole)
-        return [json.loads(line) for line in whole.splitlines()]
+        found = list(enumerate(whole.splitlines(), self.count + 1))
+        self.count += len(found)
+        return found
 
 
 def evaluate_graph(
@@ -157,8 +168,8 @@ def evaluate_graph(
     on_route: Callable[[int, RouteResult], None],
 ) -> dict[str, Any]:
     """`evaluate`, but through the graph: the raw driver in the planner node, others as the bridge's sim driver."""
-    from raw2drive_ros.evaluation.evaluate import RowsFile, header_of, summarise, timing_of
-    from raw2drive_ros.evaluation.metrics import RouteResult
+    from raw2drive_ros.evaluation.results import RowsFile, header_of
+    from raw2drive_ros.evaluation.statistics import summarise, timing_of
     from raw2drive_ros.graph.processes import reserve_domain
 
     compat = conditions.bench2drive_compat
@@ -166,8 +177,7 @@ def evaluate_graph(
     left = tuple(route for route in routes if route not in file.rows)
     timing = timing_of([])
 
-    def on_row(row: dict[str, Any]) -> None:
-        result = RouteResult(**row)
+    def on_row(result: RouteResult) -> None:
         file.add(result)
         on_route(len(file.rows), result)
 

@@ -27,7 +27,8 @@ from raw2drive_ros.errors import NodeError, UnknownScenarioError, UnknownWeather
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
-from raw2drive_ros.evaluation.evaluate import timing_of
+from raw2drive_ros.evaluation.results import append_row
+from raw2drive_ros.evaluation.statistics import timing_of
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.nodes.command_wait import CommandWait
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
@@ -168,10 +169,10 @@ class BridgeNode(Node):
             if ticks % ROUTE_EVERY_TICKS == 0:
                 self._publish_route(tick, wait=False)
         self._publish(tick)
-        self.results.append(result_of(self.env, bench2drive_compat=self.p['bench2drive_compat']).to_json())
+        result = result_of(self.env, bench2drive_compat=self.p['bench2drive_compat'])
+        self.results.append(result.to_json())
         if self.p['rows_file']:
-            with Path(self.p['rows_file']).open('a') as file:
-                file.write(json.dumps(self.results[-1]) + '\n')
+            append_row(Path(self.p['rows_file']), result)
         self._progress(index, ticks, done=True)
 
     def _start_gate_over(self) -> None:

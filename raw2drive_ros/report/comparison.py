@@ -12,14 +12,13 @@ from jinja2 import Environment, FileSystemLoader
 from raw2drive_ros import __version__
 from raw2drive_ros.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import ABILITIES
+from raw2drive_ros.evaluation.results import Results, read_results
 from raw2drive_ros.evaluation.statistics import (
-    Results,
     by_ability,
     by_type,
     compare,
     flaky,
     infractions,
-    read_results,
     summary,
 )
 from raw2drive_ros.report.charts import MAX_RUNS, PALETTE, grouped_bars

@@ -12,7 +12,7 @@ import numpy as np
 
 from raw2drive_ros.contract import Float64
 from raw2drive_ros.errors import CheckpointError
-from raw2drive_ros.evaluation.statistics import read_results
+from raw2drive_ros.evaluation.results import read_results
 from raw2drive_ros.report.charts import MAX_RUNS, PALETTE
 from raw2drive_ros.training.pictures import DREAM_TICKS
 

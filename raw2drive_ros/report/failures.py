@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros.evaluation.evaluate import filmstrip_path, filmstrips_of
-from raw2drive_ros.evaluation.statistics import Results, id_of
+from raw2drive_ros.evaluation.results import Results, filmstrip_path, filmstrips_of, id_of
 from raw2drive_ros.simulation.route_id import RouteId
 
 

@@ -3,10 +3,11 @@ import shutil
 import numpy as np
 import pytest
 
-from raw2drive_ros.errors import ResultsError, UnknownDriverError, UnknownScenarioError
+from raw2drive_ros.errors import UnknownDriverError, UnknownScenarioError
+from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
-from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate, filmstrip_path
+from raw2drive_ros.evaluation.evaluate import Conditions, evaluate
 from raw2drive_ros.evaluation.metrics import (
     bootstrap,
     efficiency_percent,
@@ -14,6 +15,7 @@ from raw2drive_ros.evaluation.metrics import (
     infraction_score,
     score_route,
 )
+from raw2drive_ros.evaluation.results import filmstrip_path
 from raw2drive_ros.evaluation.routes import routes_of
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
@@ -93,42 +95,12 @@ def test_evaluation_is_repeatable_and_has_the_machine_form() -> None:
     assert {'mean', 'low', 'high', 'routes'} == set(first['summary']['driving_score'])
 
 
-def test_lines_file_says_failed_until_there_is_data(tmp_path) -> None:
-    lines = tmp_path / 'lines.jsonl'
-    evaluate(DriverSpec('rule'), 'x', '1', routes_of('lane-following', 1), lines=lines)
-    first, second = lines.read_text().splitlines()
-    assert 'failed, no data' in first
-    assert 'LaneFollowing/0' in second
-
-
 def test_two_workers_give_the_same_routes_as_one(tmp_path) -> None:
     routes = routes_of('VanillaNonSignalizedTurn,ControlLoss', 2)
     alone = evaluate(DriverSpec('rule'), 'x', '1', routes)
     shared = evaluate(DriverSpec('rule'), 'x', '1', routes, workers=2)
     assert shared['routes'] == alone['routes']
     assert shared['summary'] == alone['summary']
-
-
-def test_results_are_resumed_and_a_torn_last_line_is_driven_again(tmp_path) -> None:
-    lines = tmp_path / 'lines.jsonl'
-    routes = routes_of('VanillaNonSignalizedTurn', 3)
-    whole = evaluate(DriverSpec('rule'), 'x', '1', routes, lines=lines)
-    kept = lines.read_text().splitlines()
-    lines.write_text('\n'.join(kept[:2]) + '\n' + kept[2][:40])
-    driven = []
-    again = evaluate(
-        DriverSpec('rule'), 'x', '1', routes, lines=lines, on_route=lambda done, row: driven.append(row.seed)
-    )
-    assert driven == [1, 2]
-    assert again['routes'] == whole['routes']
-    assert lines.read_text().splitlines() == kept
-
-
-def test_results_of_another_driver_are_not_mixed_in(tmp_path) -> None:
-    lines = tmp_path / 'lines.jsonl'
-    evaluate(DriverSpec('rule'), 'x', '1', [RouteId('VanillaNonSignalizedTurn', 0)], lines=lines)
-    with pytest.raises(ResultsError, match="driver 'rule', not 'straight'"):
-        evaluate(DriverSpec('straight'), 'x', '1', [RouteId('VanillaNonSignalizedTurn', 0)], lines=lines)
 
 
 def test_a_bundle_is_known_by_its_weights_not_by_its_place(bundle, teacher_run, tmp_path) -> None:

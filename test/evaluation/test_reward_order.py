@@ -12,7 +12,7 @@ Jobs = list[tuple[str, str]]
 
 
 def drive(job: tuple[str, str]) -> RewardTrace:
-    from raw2drive_ros.evaluation.evaluate import DriverSpec
+    from raw2drive_ros.evaluation.driver_spec import DriverSpec
 
     name, kind = job
     route = next(route for route in load_suite('b2d220').routes if route.type == kind)

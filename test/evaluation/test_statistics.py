@@ -1,20 +1,17 @@
 """Statistics of results against numbers computed by hand."""
 
-import json
-
 import numpy as np
 import pytest
 
 from raw2drive_ros.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import bootstrap
+from raw2drive_ros.evaluation.results import Results
 from raw2drive_ros.evaluation.statistics import (
-    Results,
     by_ability,
     by_type,
     compare,
     flaky,
     infractions,
-    read_results,
     sign_flip_p,
     summary,
     verdict,
@@ -37,20 +34,14 @@ def results(rows, wanted=None, **header) -> Results:
     return Results({'driver': 'x', 'suite': 's', 'version': '1', 'routes': routes} | header, rows)
 
 
-def write(path, found: Results, tail: str = ''):
-    path.write_text('\n'.join(json.dumps(r) for r in (found.header, *found.rows)) + '\n' + tail)
-    return path
-
-
-def test_missing_routes_count_as_zero_and_are_listed(tmp_path) -> None:
+def test_missing_routes_count_as_zero_and_are_listed() -> None:
     run = results([row('Accident', 0, 100.0)], ['Accident/0', 'Accident/1', 'HardBreakRoute/2/CloudyNoon'])
-    read = read_results(write(tmp_path / 'x.jsonl', run))
-    found = summary(read)
-    assert [str(route) for route in read.missing] == ['Accident/1', 'HardBreakRoute/2/CloudyNoon']
+    found = summary(run)
+    assert [str(route) for route in run.missing] == ['Accident/1', 'HardBreakRoute/2/CloudyNoon']
     assert found['driving_score']['mean'] == pytest.approx(100.0 / 3)
     assert found['success_rate']['mean'] == pytest.approx(100.0 / 3)
     assert (found['wanted'], found['driven']) == (3, 1)
-    assert by_type(read)['Accident'] == {'drives': 2, 'successes': 1, 'driving_score': 50.0}
+    assert by_type(run)['Accident'] == {'drives': 2, 'successes': 1, 'driving_score': 50.0}
 
 
 def test_undefined_values_are_left_out_and_not_zero() -> None:
@@ -131,41 +122,3 @@ def test_unlike_runs_are_not_compared() -> None:
         compare(one, results([row('Accident', 0, 1.0)], version='2'))
     with pytest.raises(ResultsError, match='no route in common'):
         compare(one, results([row('Accident', 1, 1.0)]))
-
-
-def test_a_torn_last_line_is_left_out_and_the_later_row_counts(tmp_path) -> None:
-    run = results([row('Accident', 0, 10.0), row('Accident', 0, 20.0)], ['Accident/0', 'Accident/1'])
-    read = read_results(write(tmp_path / 'x.jsonl', run, '{"id": "Accident/1", "ty'))
-    assert [r['driving_score'] for r in read.rows] == [20.0]
-
-
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
-        ('', 'is empty'),
-        ('{"driver": "x"}\n', 'line 1'),
-        ('[1]\n', 'line 1'),
-        ('{torn', 'line 1'),
-        ('HEADER\n{"id": "Accident/0"}\n', 'line 2'),
-        ('HEADER\nnonsense\nROW\n', 'line 2'),
-        ('HEADER\nNAN\n', 'not finite'),
-        ('HEADER\nSTRANGE\n', 'not among the routes'),
-        ('HEADER\nWORDS\n', 'not a table of counts'),
-    ],
-)
-def test_anything_else_is_a_clear_error(tmp_path, text, message) -> None:
-    lines = {
-        'HEADER': results([], ['Accident/0']).header,
-        'ROW': row('Accident', 0, 1.0),
-        'NAN': row('Accident', 0, float('nan')),
-        'WORDS': row('Accident', 0, 1.0, infractions={'red_light': 'twice'}),
-        'STRANGE': row('Accident', 5, 1.0),
-    }
-    for name, body in lines.items():
-        text = text.replace(name, json.dumps(body))
-    path = tmp_path / 'x.jsonl'
-    path.write_text(text)
-    with pytest.raises(ResultsError, match=message):
-        read_results(path)
-    with pytest.raises(ResultsError, match='cannot be read'):
-        read_results(tmp_path / 'none')

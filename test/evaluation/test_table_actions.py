@@ -5,9 +5,10 @@ import pytest
 from raw2drive_ros.actions import ACTIONS, BRAKE_ACTION
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.contract import Control
+from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import as_received, drive_route
-from raw2drive_ros.evaluation.evaluate import DriverSpec, evaluate
+from raw2drive_ros.evaluation.evaluate import evaluate
 from raw2drive_ros.evaluation.table_actions import AdvisedDriver, TableActionDriver, table_action
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId

@@ -38,8 +38,8 @@ from raw2drive_ros.errors import (
     UnknownSuiteError,
     UnknownWeatherError,
 )
+from raw2drive_ros.evaluation.results import read_results
 from raw2drive_ros.evaluation.soak import read_samples
-from raw2drive_ros.evaluation.statistics import read_results
 from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.faults.plan import load_plans
 from raw2drive_ros.recording.bag_doctor import examine

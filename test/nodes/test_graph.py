@@ -12,9 +12,10 @@ import pytest
 
 from raw2drive_ros import topics
 from raw2drive_ros.errors import DomainBusyError, GraphError
+from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
-from raw2drive_ros.evaluation.evaluate import Conditions, DriverSpec, evaluate
+from raw2drive_ros.evaluation.evaluate import Conditions, evaluate
 from raw2drive_ros.evaluation.verify import recorded_proposals, verify_bag
 from raw2drive_ros.graph.drive import GraphJob, drive_graph, evaluate_graph
 from raw2drive_ros.graph.processes import reserve_domain, running_graph
@@ -47,7 +48,7 @@ def test_graph_and_in_process_evaluation_give_the_same_commands_bit_for_bit(driv
         drive = drive_route(env, driver, route)
         # The graph decides on the last frame of an episode too; nobody drives by that decision.
         expected.append(drive.controls)
-        rows.append(drive.result.to_json())
+        rows.append(drive.result)
     first = len(expected[0])
     assert proposals[:first] == expected[0]
     assert proposals[first + 1 : first + 1 + len(expected[1])] == expected[1]
@@ -138,7 +139,7 @@ def test_a_gate_that_stopped_in_one_episode_drives_in_the_next(tmp_path) -> None
         stopped, driven = drive_graph(job, domain)[0]
     log = (tmp_path / 'logs' / 'safety_gate.log').read_text()
     assert log.index('emergency_stop: invalid proposal') < log.index('started over: ')
-    assert stopped['route_completion'] < 5.0 < 20.0 < driven['route_completion']
+    assert stopped.route_completion < 5.0 < 20.0 < driven.route_completion
 
 
 def test_two_graphs_cannot_share_a_domain() -> None:

@@ -13,9 +13,8 @@ import pytest
 from raw2drive_ros.cli import scenario as scenario_verb
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.errors import ResultsError
-from raw2drive_ros.evaluation.evaluate import summarise, timing_of
 from raw2drive_ros.evaluation.metrics import score_route
-from raw2drive_ros.evaluation.statistics import compare
+from raw2drive_ros.evaluation.statistics import compare, summarise, timing_of
 from raw2drive_ros.report.charts import MAX_RUNS, grouped_bars
 from raw2drive_ros.report.comparison import read_all, statistics_of, tone, write_comparison
 from raw2drive_ros.report.failures import replay_command
@@ -58,10 +57,10 @@ def row(kind: str, seed: int, score: float, **more) -> dict:
     } | more  # fmt: skip
 
 
-def write(path, driver: str, rows: list[dict], wanted: list[str] | None = None, suite: str = 'b2d220'):
+def write(path, driver: str, rows: list[dict], wanted: list[str] | None = None, suite: str = 'b2d220', **more):
     routes = [r['id'] for r in rows] if wanted is None else wanted
     header = {'status': 'failed, no data', 'started': 1.0, 'driver': driver, 'suite': suite, 'version': '2'}
-    path.write_text('\n'.join(json.dumps(r) for r in (header | {'routes': routes}, *rows)) + '\n')
+    path.write_text('\n'.join(json.dumps(r) for r in (header | {'routes': routes} | more, *rows)) + '\n')
     return path
 
 
@@ -97,6 +96,15 @@ def test_missing_drives_are_listed_and_make_the_mean_smaller(tmp_path) -> None:
     numbers = statistics_of([results], read_all([results]))
     assert numbers['runs'][0]['summary']['driving_score']['mean'] == 50.0
     assert numbers['runs'][0]['missing'] == ['Accident/3/FogNoon']
+
+
+@pytest.mark.parametrize('key', ['bench2drive_compat', 'quirks'])
+def test_the_page_says_which_runs_are_scored_as_bench2drive_s_tools_do(tmp_path, key) -> None:
+    for value in (True, False):
+        results = write(tmp_path / 'a.jsonl', 'rule', [row('Accident', 0, 5.0)], **{key: value})
+        text = write_comparison(tmp_path / 'r.html', [results]).read_text()
+        assert ('as Bench2Drive’s tools compute them' in text) == value
+        assert statistics_of([results], read_all([results]))['runs'][0]['bench2drive_compat'] is value
 
 
 def test_the_replay_command_is_one_that_the_command_line_takes(tmp_path) -> None:

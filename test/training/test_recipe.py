@@ -8,9 +8,12 @@ import torch
 from raw2drive_ros import topics
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.errors import CheckpointError, ConfigError, UnknownScenarioError
+from raw2drive_ros.evaluation.metrics import score_route
 from raw2drive_ros.evaluation.recipe_rounds import failures_by_type, keep_if_best, run_recipe
+from raw2drive_ros.evaluation.results import RowsFile, header_of
 from raw2drive_ros.evaluation.routes import weighted_types
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_advice
+from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.training.dataset import RosbagsFactory
 from raw2drive_ros.training.export import export_teacher
 from raw2drive_ros.training.recipe import Collection, Recipe, load_recipe
@@ -140,12 +143,20 @@ def test_recipe_and_bags_exclude_each_other(capsys) -> None:
 def test_a_focused_collection_drives_more_of_what_failed(tmp_path) -> None:
     (tmp_path / 'validation').mkdir()
     for number, wins in ((1, [True]), (2, [False, True]), (3, [False, False])):
-        rows = [{'type': 'ParkedObstacle', 'success': won} for won in wins] + [{'type': 'HighwayExit', 'success': True}]
-        text = '\n'.join(json.dumps(row) for row in [{'status': 'x'}, *rows])
-        (tmp_path / 'validation' / f'round_{number:02d}.jsonl').write_text(text)
+        routes = [RouteId('ParkedObstacle', seed) for seed in range(len(wins))] + [RouteId('HighwayExit', 0)]
+        file = RowsFile(
+            tmp_path / 'validation' / f'round_{number:02d}.jsonl', header_of('privileged', 'validation', '1', routes)
+        )
+        for route, won in zip(routes, [*wins, True], strict=True):
+            file.add(score_route(route, 100.0 if won else 50.0, {}, '' if won else 'timeout', 0.0))
     failed = failures_by_type(tmp_path, 3)
     assert failed == {'ParkedObstacle': 0.75, 'HighwayExit': 0.0}
     assert failures_by_type(tmp_path, 0) == {}
+    # What kills of validations leave: half a row, and a file without a header.
+    with (tmp_path / 'validation' / 'round_03.jsonl').open('a') as file:
+        file.write('{"id": "ParkedObst')
+    (tmp_path / 'validation' / 'round_04.jsonl').write_text('')
+    assert failures_by_type(tmp_path, 4) == {'ParkedObstacle': 1.0, 'HighwayExit': 0.0}
     collection = Collection(driver='privileged', ticks=10, focus=4)
     arguments = collection.arguments(recipe_of(ROUNDS), 1, tmp_path, tmp_path / 'out', failed)
     assert arguments[arguments.index('--routes') + 1] == 'lane-following,ParkedObstacle*3'
