@@ -24,8 +24,13 @@ lint: $(STAMP)
 types: $(STAMP)
 	$(BIN)/python -m mypy
 
+# Lines that no test runs are counted, also those of nodes and workers in processes of their own.
 unit: $(STAMP)
-	$(BIN)/python -m pytest -q test
+	rm -rf .coverage
+	mkdir .coverage
+	$(BIN)/python -m coverage run -m pytest -q test
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
 
 # What takes minutes: kills at random moments and the like.
 test-long: $(STAMP)
