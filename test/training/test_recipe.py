@@ -152,7 +152,7 @@ def test_a_focused_collection_drives_more_of_what_failed(tmp_path) -> None:
     failed = failures_by_type(tmp_path, 3)
     assert failed == {'ParkedObstacle': 0.75, 'HighwayExit': 0.0}
     assert failures_by_type(tmp_path, 0) == {}
-    # What kills of validations leave: half a row, and a file without a header.
+    # Killed validations leave half a row, or a file without a header.
     with (tmp_path / 'validation' / 'round_03.jsonl').open('a') as file:
         file.write('{"id": "ParkedObst')
     (tmp_path / 'validation' / 'round_04.jsonl').write_text('')

@@ -1,4 +1,4 @@
-"""The shared-sample oracle of rollout guidance, and what the recurrent model owes its users."""
+"""Shared samples of rollout guidance; the recurrent model: resets, gradients, deferred weight gradients."""
 
 import copy
 
