@@ -48,8 +48,8 @@ class BagArrays:
 
     masks: (N, packed_bytes) uint8, see `MaskCodec`. ego: (N, 5). vector: (N, V). action: (N,) int64, which LED to the
     tick, -1 at the first tick of an episode. advice: (N,) int64, what the expert would do AT the tick, -1 where it was
-    not asked. reward: (N,), for arriving at the tick. flags: (N,) bits FIRST, TERMINAL, LAST. images: (N, views, height,
-    width, 3) uint8 or None. episodes: their names. driver: which driver drove, from the bag's provenance.
+    not asked. reward: (N,), for arriving at the tick. flags: (N,) bits FIRST, TERMINAL, LAST. images:
+    (N, views, height, width, 3) uint8 or None. episodes: their names. driver: who drove, from the bag's provenance.
     """
 
     path: Path

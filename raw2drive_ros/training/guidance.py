@@ -14,7 +14,7 @@ from raw2drive_ros.world_model.rssm import Rssm, State
 
 @dataclass(slots=True)
 class PairedRollout:
-    """Posterior states (B, T, ...) of both streams over the same sequences, and their log-probabilities (B, T, S, K)."""
+    """Posterior states (B, T, ...) of both streams on the same sequences, and their log-probabilities (B, T, S, K)."""
 
     raw: State
     raw_post: Tensor

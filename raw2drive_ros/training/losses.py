@@ -41,8 +41,8 @@ def reconstruction_losses(
 ) -> dict[str, Tensor]:
     """masks: (M,) of the M `rows` of B*T states. ego: (B, T).
 
-    feature: (B, T, F). channel_weights: (C*P*P,). The paper prints e_t as the target of L_pred; here it is the observation
-    itself, as in DreamerV3.
+    feature: (B, T, F). channel_weights: (C*P*P,). The paper prints e_t as the target of L_pred; here it is the
+    observation itself, as in DreamerV3.
     """
     b, t = batch.action.shape[:2]
     flat = feature.flatten(0, 1)

@@ -76,7 +76,7 @@ def ranks_of_torchrun() -> Iterator[Ranks]:
     try:
         ranks = Ranks(dist.get_rank(), count)
         yield ranks
-        # The first process still writes files when the others are done; leaving the group before it can abort either side.
+        # The first process still writes files when the others are done; if they left now, either side might abort.
         ranks.wait()
     finally:
         dist.destroy_process_group()

@@ -47,9 +47,11 @@ def open_loop(
 
 
 def overlap_by_class(trainer: PrivilegedTrainer | RawTrainer, batch: Batch) -> dict[str, float]:
-    """Intersection over union of each mask class, over the pixels of the whole batch: `iou/<class>` of the posterior, and
-    `iou_dream/<class>` of open-loop imagination, `DREAM_TICKS` after the last frame that was seen. Classes that do not
-    occur in the batch are left out."""
+    """Intersection over union of each mask class, over the pixels of the whole batch.
+
+    `iou/<class>` of the posterior, `iou_dream/<class>` of open-loop imagination `DREAM_TICKS` after the last frame
+    that was seen. Classes that do not occur in the batch are left out.
+    """
     posterior, dreamed = open_loop(trainer, batch, len(batch.action))
     names = list(trainer.config.model.mask_classes)
     found: dict[str, float] = {}

@@ -143,7 +143,7 @@ class PrivilegedTrainer:
     def policy_step(
         self, start: State, factor: float = 1.0, shown: tuple[Tensor, Tensor] | None = None
     ) -> dict[str, float]:
-        """One actor-critic update from imagined rollouts. shown: features and actions that are imitated in the same step."""
+        """One actor-critic update from imagined rollouts. shown: features and actions to imitate in the same step."""
         t = self.config.train
         rollout = imagine(
             self.model.rssm,

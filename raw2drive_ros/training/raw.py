@@ -157,7 +157,7 @@ class RawTrainer:
         return t.distill + (t.distill_end - t.distill) * part
 
     def policy_step(self, pair: PairedRollout, batch: Batch, factor: float = 1.0) -> dict[str, float]:
-        """Actor-critic in the raw model's imagination, with the reward and continue heads of the privileged one in lock-step."""
+        """Actor-critic in the raw model's imagination, with reward and continue of the privileged one in lock-step."""
         t = self.config.train
         start, (guide_deter,) = choose_starts(
             pair.raw, (pair.privileged.deter,), batch.cont, t.starts, self.ranks, self.generator

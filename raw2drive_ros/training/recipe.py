@@ -37,7 +37,7 @@ class Collection(Strict):
     def arguments(
         self, recipe: Recipe, seed: int, checkpoint: Path, target: Path, failed: dict[str, float]
     ) -> list[str]:
-        """Arguments of `raw2drive`. checkpoint: weights of driver `privileged`. failed: share of failed routes per type."""
+        """Arguments of `raw2drive`. checkpoint: for driver `privileged`. failed: share of failed routes per type."""
         more = {kind: round(self.focus * share) for kind, share in sorted(failed.items())}
         routes = ','.join([self.routes or recipe.routes, *(f'{kind}*{n}' for kind, n in more.items() if n)])
         found = ['collect', '--driver', self.driver, '--routes', routes, '--no-cameras']

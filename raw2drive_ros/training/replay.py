@@ -1,4 +1,4 @@
-"""Batches of sequences from the arrays of many bags: drawn uniformly, mixed with sequences that hold a terminal step."""
+"""Batches of sequences from the arrays of many bags: uniform draws, mixed with sequences that hold a terminal step."""
 
 from __future__ import annotations
 

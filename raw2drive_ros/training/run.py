@@ -76,7 +76,7 @@ class RunFolder:
             self._board.add_scalar(name, value, step)
 
     def truncate(self, step: int) -> None:
-        """Drop metrics after `step` and an incomplete last line: a killed run left them, and these steps are repeated."""
+        """Drop metrics after `step` and an incomplete last line: a killed run left them, and repeats these steps."""
         file = self.path / 'metrics.jsonl'
         if not file.exists():
             return
@@ -108,8 +108,8 @@ def train(
     """Train `stage` in folder `run` up to `steps` gradient steps, resuming where the folder stopped.
 
     An existing run keeps its own configuration, with `overrides` applied (recorded in config.json); `preset` is then
-    ignored. ranks: the processes of `torchrun`, each with a batch of its own. Raises CheckpointError while another process
-    trains in that folder.
+    ignored. ranks: the processes of `torchrun`, each with a batch of its own. Raises CheckpointError while another
+    process trains in that folder.
     """
     folder = RunFolder(run)
     resumed = newest_checkpoint(folder.checkpoints)

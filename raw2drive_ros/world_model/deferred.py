@@ -17,7 +17,7 @@ from torch.autograd.function import once_differentiable
 class DeferredLinear:
     """The linear map of one weight in one loop. Make a new one for every loop and call it once per step.
 
-    Inputs: (N, I), or (blocks, N, I); each must depend on the output of the first step. weight: (I, O), or
+    Inputs: (N, I), or (blocks, N, I); all but the first must depend on the first output. weight: (I, O), or
     (blocks, I, O). bias: (O,), or (blocks, 1, O), or None. The backward pass raises RuntimeError if it reaches the
     first step before a later one.
     """
@@ -55,7 +55,9 @@ class _Step(torch.autograd.Function):
         if not ctx.first:
             return back, None, None, None
         if len(loop.inputs) != loop.calls:
-            raise RuntimeError('DeferredLinear: the first step must feed all later ones; its backward pass ran too early')
+            raise RuntimeError(
+                'DeferredLinear: the first step must feed all later ones, but its backward pass came first'
+            )
         rows, gradients = torch.cat(loop.inputs, -2), torch.cat(loop.gradients, -2)
         loop.inputs.clear()
         loop.gradients.clear()

@@ -157,7 +157,7 @@ class Rssm(nn.Module):
         return weight[:, :size], weight[:, size:].transpose(0, 1).flatten(1)
 
     def step_deter(self, state: State | SparseState, action: Tensor, maps: Maps | None = None) -> Tensor:
-        """h_t, (B, D), from the state before it and one-hot actions (B, A). maps: `plain_maps()` made once, for many steps."""
+        """h_t, (B, D), from the state before it and one-hot actions (B, A). maps: `plain_maps()`, made once."""
         return self.next_deter(state, self.input_action(action), maps or self.plain_maps())
 
     def next_deter(self, state: State | SparseState, action_hidden: Tensor, maps: Maps) -> Tensor:
