@@ -94,7 +94,7 @@ def test_the_best_round_is_kept(run, tmp_path) -> None:
     assert not keep_if_best(tmp_path, checkpoint, {'driving_score': 20.0, 'round': 2})
     assert keep_if_best(tmp_path, checkpoint, {'driving_score': 31.0, 'round': 3})
     assert json.loads((tmp_path / 'best' / 'score.json').read_text())['round'] == 3
-    (tmp_path / 'best').rename(tmp_path / 'best.old')
+    (tmp_path / 'best').rename(tmp_path / '.best.old')
     assert not keep_if_best(tmp_path, checkpoint, {'driving_score': 30.5, 'round': 4}), 'killed between two renames'
     assert json.loads((tmp_path / 'best' / 'score.json').read_text())['round'] == 3
 
