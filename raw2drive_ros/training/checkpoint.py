@@ -1,4 +1,4 @@
-"""Checkpoints that resume exactly: weights, moments, every random generator. safetensors and JSON, no pickles."""
+"""Checkpoints that resume exactly: weights, optimiser moments, random generators. safetensors and JSON, no pickles."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def _tensors(trainer: Trainer) -> dict[str, Tensor]:
             found[f'optimiser.{name}/{key}'] = value
     found['rng/torch'] = torch.get_rng_state()
     found['rng/trainer'] = trainer.generator.get_state()
-    # Tied weights share memory, which safetensors refuses; a copy is as good.
+    # Tied weights share memory, which safetensors refuses to store; copies do not.
     return {key: value.detach().clone().contiguous() for key, value in found.items()}
 
 
 def save_checkpoint(folder: Path, trainer: Trainer, replay: Replay, extra: dict[str, Any]) -> Path:
-    """Write `folder/<step>` atomically and drop all but the newest `KEEP`, and what killed writers left."""
+    """Write `folder/<step>` atomically; delete all but the newest `KEEP`, and the partial ones of killed writers."""
     target = folder / f'{trainer.steps:08d}'
     state = {
         'stage': trainer.stage,
@@ -54,15 +54,17 @@ def save_checkpoint(folder: Path, trainer: Trainer, replay: Replay, extra: dict[
 
 
 def load_weights(checkpoint: Path, trainer: Trainer) -> None:
-    """Weights and the number of steps only. Raises CheckpointError."""
+    """Load the weights and the number of steps only. Raises CheckpointError."""
     tensors, state = read_checkpoint(checkpoint)
     load_modules(checkpoint, tensors, trainer.modules())
     trainer.steps = int(state['steps'])
 
 
 def load_checkpoint(checkpoint: Path, trainer: Trainer, replay: Replay) -> dict[str, Any]:
-    """Everything, so that training goes on as if it had never stopped; returns the stored state. Raises
-    CheckpointError."""
+    """Load everything, so that training continues as if it had never stopped; returns the stored state.
+
+    Raises CheckpointError.
+    """
     tensors, state = read_checkpoint(checkpoint)
     load_modules(checkpoint, tensors, trainer.modules())
     trainer.steps = int(state['steps'])

@@ -1,4 +1,4 @@
-"""Training configuration: one frozen model per run, saved beside it; every ablation of the paper is a field."""
+"""Training configuration: one frozen object per run, saved in its folder; every ablation of the paper is a field."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ class TrainConfig(Strict):
     weight_encoder: float = 10.0
     weight_stoch: float = 10.0
     weight_deter: float = 5.0
-    align_space: bool = Field(True, description='false: align the mean over grid cells only')
-    align_time: bool = Field(True, description='false: align the last step of a sequence only')
+    align_space: bool = Field(default=True, description='false: align the mean over grid cells only')
+    align_time: bool = Field(default=True, description='false: align the last step of a sequence only')
     sample_source: Literal['raw', 'privileged', 'independent'] = 'raw'
     share_rssm: Share = Field('init', description='how the raw RSSM begins: as a copy, as the frozen one itself, fresh')
     share_decoder: Share = Field('init', description='the same for the decoder')
@@ -81,7 +81,7 @@ class TrainConfig(Strict):
     @model_validator(mode='before')
     @classmethod
     def _share_of_both(cls, given: Any) -> Any:
-        """`share`, which runs of version 0.2 have, meant both the RSSM and the decoder."""
+        """Runs of version 0.2 have one field, `share`, for both the RSSM and the decoder."""
         if isinstance(given, dict) and 'share' in given:
             given = {name: value for name, value in given.items() if name != 'share'} | dict.fromkeys(
                 ('share_rssm', 'share_decoder'), given['share']
@@ -89,16 +89,16 @@ class TrainConfig(Strict):
         return given
 
     @model_validator(mode='after')
-    def _heads_to_judge_with(self) -> TrainConfig:
+    def _imagination_has_heads(self) -> TrainConfig:
         if not self.head_guidance and set(self.raw_heads) != {'reward', 'continue'}:
             raise ValueError(
-                'head_guidance=false needs raw_heads=[reward,continue]: something has to judge imagination'
+                'head_guidance=false needs raw_heads=[reward,continue]: imagined steps need both predictions'
             )
         return self
 
 
 class RunConfig(Strict):
-    """What a run is made of."""
+    """The configuration of a run: preset, sizes of the networks, hyperparameters."""
 
     preset: str
     model: ModelConfig
@@ -133,7 +133,7 @@ def make_config(preset: str, overrides: dict[str, Any] | None = None) -> RunConf
 
 
 def overridden(config: RunConfig, overrides: dict[str, Any]) -> RunConfig:
-    """The same model with `train` fields replaced, whatever its preset has become. Raises ConfigError."""
+    """The same configuration with `train` fields replaced; the preset is not read again. Raises ConfigError."""
     return _checked(config.preset, config.model.model_dump(), config.train.model_dump() | overrides)
 
 

@@ -1,7 +1,7 @@
 """Bags to training arrays: one cache folder per bag and preset, rebuilt when either changes.
 
-The trainer's only input is bags; the cache is nothing but their content in the order and size that a
-batch is read in (memory-mapped, masks as bits).
+The trainer's only input is bags. The cache holds their content in the order and size in which batches are read
+(memory-mapped, masks packed as bits).
 """
 
 from __future__ import annotations
@@ -38,16 +38,19 @@ from raw2drive_ros.world_model.mask_codec import MaskCodec
 CACHE_VERSION = 5
 ARRAYS = ('masks', 'ego', 'vector', 'action', 'advice', 'reward', 'flags')
 FIRST, TERMINAL, LAST = 1, 2, 4
-# What this driver did is what it would advise, in bags that hold no advice of their own.
+# In bags of this driver that hold no advice, its actions are taken as the advice.
 DEMONSTRATOR = 'expert'
 
 
 @dataclass(slots=True)
 class BagArrays:
-    """One bag's ticks. masks: (N, bytes). ego: (N, 5). vector: (N, V). action: (N,) int64, -1 at the
-    first tick. advice: (N,) int64, what the expert would do AT that tick, -1 where it was not asked.
-    reward: (N,). flags: (N,) bits FIRST, TERMINAL, LAST. images: (N, views, H, W, 3) or None.
-    driver: who drove, from the bag's provenance."""
+    """The N ticks of one bag.
+
+    masks: (N, packed_bytes) uint8, see `MaskCodec`. ego: (N, 5). vector: (N, V). action: (N,) int64, which LED to the
+    tick, -1 at the first tick of an episode. advice: (N,) int64, what the expert would do AT the tick, -1 where it was
+    not asked. reward: (N,), for arriving at the tick. flags: (N,) bits FIRST, TERMINAL, LAST. images:
+    (N, views, height, width, 3) uint8 or None. episodes: their names. driver: who drove, from the bag's provenance.
+    """
 
     path: Path
     identity: str
@@ -77,7 +80,7 @@ def bag_identity(path: Path) -> str:
 
 
 def load_bag(path: Path, cache_root: Path, config: ModelConfig, *, cameras: bool) -> BagArrays:
-    """The arrays of a bag, from the cache or freshly built. Raises BagError."""
+    """The arrays of a bag, from the cache, which is built where it is missing. Raises BagError."""
     codec = MaskCodec(config)
     layout = json.dumps([config.mask_classes, config.mask_size, config.patch, cameras, CACHE_VERSION], sort_keys=True)
     identity = bag_identity(path)
@@ -161,7 +164,7 @@ def load_bags(
     cameras: bool,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[BagArrays]:
-    """All bags, in order; `progress(done, total)` is called after each."""
+    """The arrays of all bags, in order; `progress(done, total)` is called after each. Raises BagError."""
     loaded = []
     for i, path in enumerate(paths):
         loaded.append(load_bag(path, cache_root, config, cameras=cameras))

@@ -1,4 +1,4 @@
-"""From training runs to bundles: the raw policy for planners, the privileged networks for those who learn from them."""
+"""Exports training runs as bundles: the raw policy for planners, the privileged networks as a teacher."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def export_teacher(source: Path, target: Path) -> str:
 
 
 def training_metadata(source: Path) -> dict[str, Any]:
-    """What a model card says of a run, a checkpoint or a teacher bundle: its bags, its length, its validation.
+    """What a model card states about a run, a checkpoint or a teacher bundle: bags, number of ticks, validation.
 
     Raises CheckpointError.
     """

@@ -1,4 +1,4 @@
-"""Rollout guidance: what pulls the raw stream's rollout onto the privileged one (paper, section 3.3)."""
+"""Rollout guidance: losses that align the raw stream's rollout with the privileged one (paper, section 3.3)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from raw2drive_ros.world_model.rssm import Rssm, State
 
 @dataclass(slots=True)
 class PairedRollout:
-    """Both streams over the same (B, T) sequence; log-probabilities are (B, T, S, K)."""
+    """Posterior states (B, T, ...) of both streams on the same sequences, and their log-probabilities (B, T, S, K)."""
 
     raw: State
     raw_post: Tensor
@@ -34,11 +34,14 @@ def observe_pair(
     *,
     raw_uniform: Tensor | None = None,
 ) -> PairedRollout:
-    """Filter both streams step by step.
+    """Posterior states of both streams, step by step.
 
-    One stochastic sample per step, drawn from the stream `source` names, feeds both transitions; drawing
-    twice would let the two deterministic states drift apart by sampling noise alone. `independent` does
-    draw twice (the ablation), and then needs `raw_uniform`, (B, T, S) uniforms of the raw stream's own. No gradient
+    embeddings: (B, T, E*G*G + W). actions: (B, T, A), the action that LED to step t. is_first: (B, T) bool.
+    uniform: (B, T, S).
+
+    One stochastic sample per step, drawn from the stream that `source` names, is the sample of both streams; two draws
+    would let the two deterministic states drift apart by sampling noise alone. `independent` does draw twice (the
+    ablation) and needs `raw_uniform`, (B, T, S), a second set of uniforms for the raw stream. No gradient
     reaches the privileged stream. Raises ValueError for `independent` without uniforms that differ.
     """
     if source == 'independent' and (raw_uniform is None or raw_uniform is uniform):
@@ -91,7 +94,7 @@ def guidance_losses(
 ) -> dict[str, Tensor]:
     """The three alignment terms, each (B, T), unweighted.
 
-    grids: (B, T, E, G, G). vectors: (B, T, W), aligned like one more cell. Encoder: squared error summed
+    grids: (B, T, E, G, G). vectors: (B, T, W), aligned as if they were one more cell. Encoder: squared error summed
     over cells, mean over features. Stochastic: KL(privileged || raw). Deterministic: mean squared error.
     """
     privileged_grid, privileged_vector = privileged_grid.detach(), privileged_vector.detach()

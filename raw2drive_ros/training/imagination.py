@@ -1,6 +1,6 @@
 """Imagined rollouts and the actor-critic update, for one stream or for two in lock-step.
 
-Time line of a rollout of H steps, all (H + 1, N, ...) or (H, N, ...):
+Timeline of a rollout of H steps; tensors are (H+1, N, ...) or (H, N, ...):
 
     state    s0      s1      ...  sH        s0: posterior states of real sequences
     action   a0      a1      ...            a_i ~ actor(s_i)
@@ -43,7 +43,10 @@ Noise = Callable[[int, int], Tensor]
 
 
 def start_noise(starts: int, ranks: Ranks, generator: torch.Generator) -> Noise:
-    """noise(rows, width) -> uniforms; drawn for `starts` rows whatever `rows`, so that generators stay in step."""
+    """noise(rows, width) -> (rows, width) uniforms in [0, 1).
+
+    At least `starts` rows are drawn, however few are needed, so that the generators of all processes stay equal.
+    """
     return lambda rows, width: ranks.rand(max(starts, rows), width, generator=generator)[:rows]
 
 
@@ -63,10 +66,10 @@ def imagine(
 ) -> Rollout:
     """Roll the actor out in its own world model.
 
-    noise: see `start_noise`.
+    start: states (N, ...). noise: see `start_noise`.
     guide: the privileged RSSM and its (N, D) deterministic state. It then runs in lock-step on the same
     actions and the same stochastic sample (paper, "Head Guidance"), and `reward` and `cont` read the
-    privileged features; without a guide, or with `own_heads`, they read the actor's own.
+    privileged features; without a guide, or with `own_heads`, they read those of the actor's own world model.
     """
     state, maps = rssm.sparse(start), rssm.plain_maps()
     teacher = guide_maps = None
@@ -140,7 +143,10 @@ def distillation_loss(teacher: Tensor, student: Tensor) -> Tensor:
 def choose_starts(
     states: State, extra: tuple[Tensor, ...], cont: Tensor, count: int, ranks: Ranks, generator: torch.Generator
 ) -> tuple[State, tuple[Tensor, ...]]:
-    """Up to `count` of the (B, T, ...) states that do not end an episode, flattened and detached."""
+    """Up to `count` random states, (N, ...) and detached, of the (B, T, ...) that do not end an episode.
+
+    cont: (B, T). extra: tensors (B, T, ...), of which the same rows are taken.
+    """
     flat = State(states.deter.detach().flatten(0, 1), states.stoch.detach().flatten(0, 1))
     living = cont.flatten() > 0.5
     order = ranks.rand(len(living), generator=generator).masked_fill(~living, 2.0).argsort()

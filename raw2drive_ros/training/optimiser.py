@@ -14,8 +14,8 @@ from raw2drive_ros.training.parallel import ALONE, Ranks
 def decay_factor(step: int, total: int, share: float, end: float) -> float:
     """1 until the last `share` of `total` steps, from there linearly down to `end`.
 
-    A constant rate with a short decay at its end lets a run be continued with more steps, which a cosine
-    over the whole run does not.
+    With a constant rate and a short decay at the end, a run can be continued with more steps; with a cosine over the
+    whole run it cannot.
     """
     length = share * total
     if length <= 0:
@@ -41,9 +41,7 @@ class Optimiser:
     def step(self, loss: Tensor, factor: float = 1.0) -> float:
         """Backward, mean over the processes, clip, update; returns the gradient norm.
 
-        factor: of the learning rate, see `decay_factor`.
-
-        Raises NonFiniteError before any change.
+        factor: multiplies the learning rate, see `decay_factor`. Raises NonFiniteError, before any weight changes.
         """
         self.adam.zero_grad(set_to_none=True)
         loss.backward()
@@ -59,7 +57,7 @@ class Optimiser:
         return norm
 
     def tensors(self) -> dict[str, Tensor]:
-        """Moments by parameter index, for a checkpoint."""
+        """Number of steps and moments by parameter index, for a checkpoint."""
         found = {'steps': torch.tensor(self.steps)}
         for i, parameter in enumerate(self.parameters):
             for name, value in self.adam.state.get(parameter, {}).items():

@@ -1,7 +1,7 @@
-"""Data-parallel training under `torchrun`: every process takes its rows of one global batch and of one stream of noise.
+"""Data-parallel training under `torchrun`: every process takes its own rows of one global batch.
 
 All processes draw the same random numbers for the whole batch and keep their own rows of them, so that generators and
-weights stay equal everywhere and any process's checkpoint is the run's.
+weights stay equal in all processes and a checkpoint of any of them is one of the run.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from torch import Tensor
 
 @dataclass(frozen=True, slots=True)
 class Ranks:
-    """This process's number among `count`."""
+    """The rank of this process among `count` processes."""
 
     rank: int = 0
     count: int = 1
@@ -33,11 +33,11 @@ class Ranks:
         return slice(self.rank * per_process, (self.rank + 1) * per_process)
 
     def rand(self, rows: int, *shape: int, generator: torch.Generator) -> Tensor:
-        """(rows, *shape) uniforms in [0, 1): this process's share of what all draw."""
+        """(rows, *shape) uniforms in [0, 1): this process's rows of those that all processes draw."""
         return torch.rand(self.count * rows, *shape, generator=generator)[self.rows(rows)]
 
     def mean_(self, tensors: Sequence[Tensor]) -> None:
-        """Replace every tensor by its mean over all processes, in one message."""
+        """Replace every tensor by its mean over all processes, in one all-reduce."""
         if self.count == 1 or not tensors:
             return
         flat = torch.cat([t.reshape(-1) for t in tensors])
@@ -57,7 +57,7 @@ class Ranks:
         return {name: sum(values) / len(values) for name, values in by_name.items()}
 
     def wait(self) -> None:
-        """Until every process is here."""
+        """Block until every process has called this."""
         if self.count > 1:
             dist.barrier()
 
@@ -76,7 +76,7 @@ def ranks_of_torchrun() -> Iterator[Ranks]:
     try:
         ranks = Ranks(dist.get_rank(), count)
         yield ranks
-        # The first process still writes when the others are done: who hangs up on it early may abort, or make it abort.
+        # The first process still writes files when the others are done; if they left now, either side might abort.
         ranks.wait()
     finally:
         dist.destroy_process_group()

@@ -1,4 +1,4 @@
-"""Look before you believe a curve: masks as truth, reconstruction and open-loop imagination, side by side."""
+"""Pictures to check a loss curve against: true masks, their reconstruction and open-loop imagination, in rows."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def open_loop(
     seen = min(CONTEXT, length)
     features = [states.feature[:count, t] for t in range(seen)]
     start = State(states.deter[:count, seen - 1], states.stoch[:count, seen - 1])
-    # Not drawn: the same batch gives the same picture.
+    # Constant instead of random: the same batch gives the same picture.
     uniforms = [torch.full((len(start.deter), rssm.config.stoch), 0.5)] * (length - seen)
     actions, is_first = batch.action[:count, seen:], batch.is_first[:count, seen:]
     features += [state.feature for state in imagine_open_loop(rssm, start, actions, uniforms, is_first)]
@@ -47,9 +47,11 @@ def open_loop(
 
 
 def overlap_by_class(trainer: PrivilegedTrainer | RawTrainer, batch: Batch) -> dict[str, float]:
-    """Intersection over union of each mask class, pixels of the whole batch: `iou/<class>` of what is filtered, and
-    `iou_dream/<class>` of what is imagined `DREAM_TICKS` after the last frame that was seen. A class that is nowhere
-    in the batch is left out."""
+    """Intersection over union of each mask class, over the pixels of the whole batch.
+
+    `iou/<class>` of the posterior, `iou_dream/<class>` of open-loop imagination `DREAM_TICKS` after the last frame
+    that was seen. Classes that do not occur in the batch are left out.
+    """
     posterior, dreamed = open_loop(trainer, batch, len(batch.action))
     names = list(trainer.config.model.mask_classes)
     found: dict[str, float] = {}

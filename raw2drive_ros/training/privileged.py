@@ -14,23 +14,21 @@ from raw2drive_ros.training.losses import decoded_rows, dynamics_losses, reconst
 from raw2drive_ros.training.optimiser import Optimiser
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.replay import Batch
-from raw2drive_ros.vector_layout import EGO_FIELDS
+from raw2drive_ros.vector_layout import EGO_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
 from raw2drive_ros.world_model.rssm import State
 from raw2drive_ros.world_model.streams import PrivilegedWorldModel
 from raw2drive_ros.world_model.teacher import Teacher
 
-EGO_SIZE = len(EGO_FIELDS)
-
 
 def demonstrations(states: State, batch: Batch) -> tuple[Tensor, Tensor]:
-    """(N, F) features of the filtered states for which the expert was asked, and the (N, A) actions it advised."""
+    """(N, F) features of the posterior states at which the expert was asked, and the (N, A) actions it advised."""
     asked = batch.advice.sum(-1) > 0
     return states.feature.detach()[asked], batch.advice[asked]
 
 
 class PrivilegedTrainer:
-    """Owns both networks and both optimisers; `step(batch)` is one gradient step of each."""
+    """Trains world model and policy, each with its own optimiser; `step(batch)` is one gradient step of each."""
 
     stage = 'privileged'
 
@@ -64,7 +62,7 @@ class PrivilegedTrainer:
         self._make_policy_optimiser()
 
     def observe(self, batch: Batch) -> tuple[State, Tensor, Tensor]:
-        """Filter a batch: states (B, T, ...), posterior (B, T, S, K), and e_t (B*T, E, G, G)."""
+        """Posterior states (B, T, ...) of a batch, their log-probabilities (B, T, S, K), and e_t (B*T, E, G, G)."""
         b, t = batch.action.shape[:2]
         grid, vector = self.model.encode(batch.masks.flatten(0, 1), batch.ego.flatten(0, 1))
         embed = self.model.embed(grid, vector).view(b, t, -1)
@@ -77,7 +75,7 @@ class PrivilegedTrainer:
         return self.observe(batch)[0]
 
     def model_losses(self, batch: Batch) -> tuple[dict[str, Tensor], State]:
-        """Every loss term by name, each (B, T), `masks` (K,) of the K states decoded; and the filtered states."""
+        """Every loss term by name, each (B, T), `masks` (M,) of the M states decoded; and the posterior states."""
         t = self.config.train
         states, post, _ = self.observe(batch)
         dyn, rep = dynamics_losses(post, self.model.rssm.prior(states.deter), t.free_nats)
@@ -99,7 +97,7 @@ class PrivilegedTrainer:
         return losses, states
 
     def weights(self) -> dict[str, float]:
-        """Of every loss term by name."""
+        """The weight of every loss term by name."""
         t = self.config.train
         found = {
             'masks': t.weight_pred,
@@ -112,7 +110,7 @@ class PrivilegedTrainer:
         return found | ({'advice': t.weight_advice} if self.model.advice is not None else {})
 
     def step(self, batch: Batch, factor: float = 1.0) -> dict[str, float]:
-        """One gradient step of each network; factor: of the learning rates."""
+        """One gradient step of each network. factor: multiplies the learning rates. Returns metrics by name."""
         t = self.config.train
         losses, states = self.model_losses(batch)
         total = weighted_sum(losses, self.weights(), *batch.action.shape[:2])
@@ -129,7 +127,7 @@ class PrivilegedTrainer:
                 start, _ = choose_starts(states, (), batch.cont, t.starts, self.ranks, self.generator)
                 metrics |= self.policy_step(start, factor, shown)
         elif shown is not None and len(shown[0]):
-            # Imagination is dear, imitation is not.
+            # Imagination is expensive, imitation is not: it takes place at every step.
             loss, metrics_shown = self.imitation(*shown)
             metrics |= metrics_shown
             metrics['grad/policy'] = self.policy_optimiser.step(t.imitate * loss, factor)
@@ -145,7 +143,7 @@ class PrivilegedTrainer:
     def policy_step(
         self, start: State, factor: float = 1.0, shown: tuple[Tensor, Tensor] | None = None
     ) -> dict[str, float]:
-        """One actor-critic update from imagined rollouts; shown: features and actions to imitate beside it."""
+        """One actor-critic update from imagined rollouts. shown: features and actions to imitate in the same step."""
         t = self.config.train
         rollout = imagine(
             self.model.rssm,
@@ -166,7 +164,7 @@ class PrivilegedTrainer:
         return metrics
 
     def teacher(self) -> Teacher:
-        """The networks without their training; the same tensors, not copies."""
+        """The networks without optimisers; the same tensors, not copies."""
         return Teacher(self.config.model, self.model, self.policy, self.config.train.gamma, self.steps)
 
     def modules(self) -> dict[str, torch.nn.Module]:

@@ -31,7 +31,7 @@ from raw2drive_ros.world_model.teacher import Teacher
 
 
 class RawTrainer:
-    """The privileged teacher is frozen here: it is read, never changed."""
+    """Trains the raw world model and policy with the help of the privileged teacher, which is frozen."""
 
     stage = 'raw'
 
@@ -47,8 +47,8 @@ class RawTrainer:
         torch.manual_seed(t.seed)
         self.config, self.total_steps, self.ranks = config, total_steps, ranks
         self.channel_weights = config.channel_weights()
-        self.teacher = teacher.model.requires_grad_(False).eval()
-        self.teacher_policy = teacher.policy.requires_grad_(False).eval()
+        self.teacher = teacher.model.requires_grad_(requires_grad=False).eval()
+        self.teacher_policy = teacher.policy.requires_grad_(requires_grad=False).eval()
         self.model = RawWorldModel(config.model, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT, tuple(t.raw_heads))
         self.model.initialise_from(self.teacher, rssm=t.share_rssm, decoder=t.share_decoder)
         self.policy = Policy(config.model, ACTION_COUNT)
@@ -64,8 +64,8 @@ class RawTrainer:
         )
 
     def observe(self, batch: Batch) -> tuple[PairedRollout, tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
-        """Filter a batch in both streams: states, then (e_t (B*T, E, G, G), vector features (B*T, W)) of the raw and of
-        the privileged encoder."""
+        """Posterior states of a batch in both streams; then e_t (B*T, E, G, G) and vector features (B*T, W), of the raw
+        and of the privileged encoder. Raises ValueError for a batch without images."""
         if batch.images is None:
             raise ValueError('stage 2 needs batches with images')
         b, t = batch.action.shape[:2]
@@ -75,7 +75,7 @@ class RawTrainer:
         seen = self.model.encode(batch.images.flatten(0, 1), batch.vector.flatten(0, 1))
         raw_embed = self.model.embed(*seen).view(b, t, -1)
         source = self.config.train.sample_source
-        # Both streams use the first one, but for `independent`, where the raw stream has draws of its own.
+        # Both streams use the first set; with `independent` the raw stream uses the second one.
         uniforms = [
             self.ranks.rand(b, t, self.config.model.stoch, generator=self.generator)
             for _ in range(2 if source == 'independent' else 1)
@@ -98,7 +98,7 @@ class RawTrainer:
         return self.observe(batch)[0].raw
 
     def model_losses(self, batch: Batch) -> tuple[dict[str, Tensor], PairedRollout]:
-        """Every loss term by name, each (B, T), `masks` (K,) of the K states decoded; and both streams' states."""
+        """Every loss term by name, each (B, T), `masks` (M,) of the M states decoded; and both streams' states."""
         b, t = batch.action.shape[:2]
         pair, (raw_grid, raw_vector), (grid, vector) = self.observe(batch)
         dyn, rep = dynamics_losses(pair.raw_post, self.model.rssm.prior(pair.raw.deter), self.config.train.free_nats)
@@ -120,7 +120,7 @@ class RawTrainer:
         return losses, pair
 
     def weights(self) -> dict[str, float]:
-        """Of every loss term by name."""
+        """The weight of every loss term by name."""
         t = self.config.train
         found = {
             'masks': t.weight_pred,
@@ -138,7 +138,7 @@ class RawTrainer:
         return found
 
     def step(self, batch: Batch, factor: float = 1.0) -> dict[str, float]:
-        """One gradient step of each network; factor: of the learning rates."""
+        """One gradient step of each network. factor: multiplies the learning rates. Returns metrics by name."""
         t = self.config.train
         losses, pair = self.model_losses(batch)
         metrics = {f'loss/{name}': float(value.detach().mean()) for name, value in losses.items()}
@@ -151,18 +151,18 @@ class RawTrainer:
         return metrics
 
     def distill_weight(self) -> float:
-        """Linear from `distill` to `distill_end` over the run."""
+        """The weight of distillation at this step: linear from `distill` to `distill_end` over the run."""
         t = self.config.train
         part = min(1.0, self.steps / max(1, self.total_steps))
         return t.distill + (t.distill_end - t.distill) * part
 
     def policy_step(self, pair: PairedRollout, batch: Batch, factor: float = 1.0) -> dict[str, float]:
-        """Actor-critic in the raw model's imagination, judged by the privileged heads in lock-step."""
+        """Actor-critic in the raw model's imagination, with reward and continue of the privileged one in lock-step."""
         t = self.config.train
         start, (guide_deter,) = choose_starts(
             pair.raw, (pair.privileged.deter,), batch.cont, t.starts, self.ranks, self.generator
         )
-        # Without head guidance the raw model judges itself; `TrainConfig` sees to it that it has both heads then.
+        # Without head guidance the raw model's own heads are read; `TrainConfig` makes sure that it has both.
         judge = self.teacher if t.head_guidance else self.model
         assert judge.reward is not None and judge.cont is not None
         rollout = imagine(

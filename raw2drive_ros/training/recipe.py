@@ -15,9 +15,10 @@ SEEDS_PER_ROUND, ROUNDS_PER_RUN = 10, 100
 
 
 class Collection(Strict):
-    """One `raw2drive collect`. Driver `privileged` is the policy as the round before left it.
+    """One `raw2drive collect`. Driver `privileged` is the policy at the end of the round before.
 
-    focus: a type that failed on every route of the last two validations is driven so many times more often.
+    focus: how many times a type is added to the routes if it failed on all its routes in the last two validations; a
+    type that failed on a share of them is added in proportion.
     """
 
     driver: str
@@ -36,7 +37,7 @@ class Collection(Strict):
     def arguments(
         self, recipe: Recipe, seed: int, checkpoint: Path, target: Path, failed: dict[str, float]
     ) -> list[str]:
-        """Of `raw2drive`; checkpoint: what driver `privileged` drives with. failed: share of failures per type."""
+        """Arguments of `raw2drive`. checkpoint: for driver `privileged`. failed: share of failed routes per type."""
         more = {kind: round(self.focus * share) for kind, share in sorted(failed.items())}
         routes = ','.join([self.routes or recipe.routes, *(f'{kind}*{n}' for kind, n in more.items() if n)])
         found = ['collect', '--driver', self.driver, '--routes', routes, '--no-cameras']
@@ -49,8 +50,11 @@ class Collection(Strict):
 
 
 class Round(Strict):
-    """collect: bags that join those of the rounds before. steps: gradient steps in this round. From this round on: set,
-    training fields; without, patterns of folders of bags that are no longer trained on (`00_*_expert`)."""
+    """collect: bags that are added to those of the rounds before. steps: gradient steps of this round.
+
+    Both of these hold from this round on. set: training fields. without: patterns of folders of bags that are no longer
+    trained on (`00_*_expert`).
+    """
 
     collect: list[Collection] = Field(default_factory=list, max_length=SEEDS_PER_ROUND)
     steps: int = Field(ge=1)
@@ -59,8 +63,8 @@ class Round(Strict):
 
 
 class Recipe(Strict):
-    """routes: what is collected on. set: training fields of all rounds. validation: a suite that is driven after every
-    round and picks the round that is exported; empty = none, the last one is."""
+    """routes: those that are collected on. set: training fields of all rounds. validation: the suite that is driven
+    after every round; the round with the best score is exported. Empty: no validation, the last round is exported."""
 
     preset: str = 'laptop'
     routes: str = 'all'
@@ -71,18 +75,18 @@ class Recipe(Strict):
     rounds: list[Round] = Field(min_length=1, max_length=ROUNDS_PER_RUN)
 
     def seed(self, training_seed: int, round_index: int, index: int) -> int:
-        """Of the collector: other training seeds collect on other routes."""
+        """The seed of a collection; other training seeds collect on other routes."""
         return (training_seed * ROUNDS_PER_RUN + round_index) * SEEDS_PER_ROUND + index
 
     def settings(self, round_index: int, overrides: dict[str, Any]) -> dict[str, Any]:
-        """Training fields of a round; later rounds keep what earlier ones set, `overrides` win."""
+        """Training fields of a round: fields set in earlier rounds stay set, and `overrides` take precedence."""
         found = dict(self.set)
         for before in self.rounds[: round_index + 1]:
             found |= before.set
         return found | overrides
 
     def bags(self, round_index: int, folder: Path) -> list[Path]:
-        """What a round trains on: the folders of bags below `folder` that it has not left out."""
+        """What a round trains on: the folders of bags below `folder` that no round so far leaves out."""
         patterns = [pattern for before in self.rounds[: round_index + 1] for pattern in before.without]
         if not patterns:
             return [folder]

@@ -1,4 +1,4 @@
-"""Batches of sequences from the arrays of many bags: uniform, mixed with sequences that end badly."""
+"""Batches of sequences from the arrays of many bags: uniform draws, mixed with sequences that hold a terminal step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Batch:
     """masks: (B, T, C*P*P, G, G) float. ego: (B, T, 5). vector: (B, T, V). action: (B, T, A) one-hot of the
     action that LED to step t (zero at the first). reward, cont: (B, T), of arriving at t. is_first: (B, T)
     bool. advice: (B, T, A) one-hot of what the expert would do AT step t, zero where
-    it was not asked. images: (B, T, views, H, W, 3) uint8 or None.
+    it was not asked. images: (B, T, views, height, width, 3) uint8 or None.
 
         t          0        1        2
         obs        o0       o1       o2
@@ -67,7 +67,7 @@ class Replay:
         return self.bags[index], start
 
     def sample(self, batch: int, *, images: bool = False, ranks: Ranks = ALONE) -> Batch:
-        """A batch of `batch` sequences; `images` reads camera frames too. ranks: this process's rows of all picks."""
+        """A batch of `batch` sequences; images: with camera frames. ranks: only this process's sequences are read."""
         picks = [self._start() for _ in range(batch * ranks.count)][ranks.rows(batch)]
         slices = [(bag, slice(start, start + self.length)) for bag, start in picks]
         packed = np.concatenate([bag.masks[s] for bag, s in slices])

@@ -47,7 +47,10 @@ class RunFolder:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Two trainers in one folder would cut off each other's metrics and checkpoints."""
+        """Locks the folder: two trainers in it would truncate each other's metrics and delete each other's checkpoints.
+
+        Raises CheckpointError while another process holds the lock.
+        """
         self.path.mkdir(parents=True, exist_ok=True)
         with (self.path / '.lock').open('w') as lock:
             try:
@@ -59,7 +62,7 @@ class RunFolder:
     def save_config(self, config: RunConfig, metadata: dict[str, Any]) -> None:
         self.path.mkdir(parents=True, exist_ok=True)
         body = {'config': config.model_dump(mode='json')} | metadata
-        # Without it no checkpoint can be resumed.
+        # Written atomically, because no checkpoint can be resumed without it.
         write_whole(self.path / CONFIG, json.dumps(body, indent=2))
 
     def log(self, step: int, metrics: dict[str, float]) -> None:
@@ -73,7 +76,7 @@ class RunFolder:
             self._board.add_scalar(name, value, step)
 
     def truncate(self, step: int) -> None:
-        """Drop metrics after `step`, and half a line: they belong to work that the last kill lost."""
+        """Drop metrics after `step` and an incomplete last line: a killed run left them, and repeats these steps."""
         file = self.path / 'metrics.jsonl'
         if not file.exists():
             return
@@ -104,9 +107,9 @@ def train(
 ) -> Trainer:
     """Train `stage` in folder `run` up to `steps` gradient steps, resuming where the folder stopped.
 
-    A run that exists keeps its own sizes; `overrides` apply on top of it (recorded in config.json).
-    ranks: the processes of `torchrun`, each with a batch of its own. Raises CheckpointError while another run
-    trains in that folder.
+    An existing run keeps its own configuration, with `overrides` applied (recorded in config.json); `preset` is then
+    ignored. ranks: the processes of `torchrun`, each with a batch of its own. Raises CheckpointError while another
+    process trains in that folder.
     """
     folder = RunFolder(run)
     resumed = newest_checkpoint(folder.checkpoints)

@@ -26,24 +26,24 @@ class Actor(nn.Module):
 
 
 class Critic(nn.Module):
-    """A fast head that learns and a slow copy that follows it and steadies it."""
+    """A value head that learns (fast) and a moving average of its weights (slow), which regularises it."""
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
         self.fast = TwoHotHead(config, config.head_layers)
-        self.slow = copy.deepcopy(self.fast).requires_grad_(False)
+        self.slow = copy.deepcopy(self.fast).requires_grad_(requires_grad=False)
 
     def forward(self, feature: Feature) -> Tensor:
         value: Tensor = self.fast(feature)
         return value
 
     def judge(self, feature: Feature) -> tuple[Tensor, Tensor]:
-        """(logits, values without gradient) of one forward pass; the logits go into `loss`."""
+        """Logits (..., L), for `loss`, and values (...) without gradient, of one forward pass."""
         logits: Tensor = self.fast.net(feature)
         return logits, two_hot_mean(logits.detach(), self.fast.bins)
 
     def loss(self, logits: Tensor, feature: Feature, target: Tensor, slow_weight: float) -> Tensor:
-        """Cross-entropy to the returns plus `slow_weight` times that to the slow critic's mean."""
+        """(...) cross-entropy with the returns `target`, plus `slow_weight` times that with the slow critic's value."""
         with torch.no_grad():
             slow = self.slow(feature)
         loss = two_hot_loss(logits, target, self.fast.bins)
@@ -56,7 +56,7 @@ class Critic(nn.Module):
 
 
 class ReturnScale(nn.Module):
-    """max(1, EMA of P95 - P5 of the returns), what advantages are divided by."""
+    """The divisor of advantages: max(1, P95 - P5 of the returns), from moving averages of the two quantiles."""
 
     low: Tensor
     high: Tensor
@@ -70,19 +70,19 @@ class ReturnScale(nn.Module):
     @staticmethod
     @torch.no_grad()
     def spread(returns: Tensor) -> Tensor:
-        """(2,) 5 % and 95 % quantiles."""
+        """(2,) the 5 % and 95 % quantiles of returns of any shape."""
         return torch.quantile(returns.flatten(), torch.tensor([0.05, 0.95]))
 
     @torch.no_grad()
     def follow(self, quantiles: Tensor) -> Tensor:
-        """The scale after the averages have moved towards new quantiles."""
+        """Move the averages towards (2,) new quantiles; returns the scale, a scalar."""
         self.low.lerp_(quantiles[0], self.rate)
         self.high.lerp_(quantiles[1], self.rate)
         return (self.high - self.low).clamp(min=1.0)
 
 
 class Policy(nn.Module):
-    """Actor, critic and return scale: what one stream's behaviour consists of."""
+    """Actor, critic and return scale of one stream."""
 
     def __init__(self, config: ModelConfig, actions: int) -> None:
         super().__init__()
@@ -94,7 +94,7 @@ class Policy(nn.Module):
 def lambda_returns(rewards: Tensor, discounts: Tensor, values: Tensor, lambda_: float) -> Tensor:
     """(H, N) returns of steps 0..H-1.
 
-    rewards, discounts: (H, N), of ARRIVING at step i+1 (reward, gamma * continue). values: (H+1, N).
+    rewards, discounts (gamma * continue): (H, N), entry i belongs to ARRIVING at step i+1. values: (H+1, N).
     R_i = r_{i+1} + d_{i+1} ((1 - lambda) v_{i+1} + lambda R_{i+1}), R_H = v_H.
     """
     last = values[-1]

@@ -1,6 +1,6 @@
-"""The step from observation to action, once for everybody: planner node, evaluators, replay and collectors call it.
+"""The step from observation to action, which planner node, evaluators, replay and collector share.
 
-Also what a world model imagines without looking: open loop, by the prior alone.
+Also open-loop imagination: a world model rolled forward by its prior alone, without observations.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from raw2drive_ros.world_model.streams import WorldModel
 
 
 class Observation(NamedTuple):
-    """What a stream sees of one tick, for B cars.
+    """The inputs of one stream in one tick, for B cars.
 
-    view: of the raw stream (B, views, H, W, 3) uint8 images, of the privileged one (B, C*P*P, G, G) masks.
+    view: raw stream (B, views, height, width, 3) uint8 RGB images, privileged stream (B, C*P*P, G, G) masks.
     vector: (B, V), in the order of `vector_layout.VECTOR_FIELDS` or `EGO_FIELDS`.
     """
 
@@ -31,16 +31,16 @@ class Observation(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AgentState:
-    """What an agent carries from one decision to the next, for B cars.
+    """The recurrent state of an agent between two decisions, for B cars.
 
-    latent: filtered state, (B, ...). action: (B, A) one-hot of the action taken last, zero at the start of an episode.
+    latent: posterior state, (B, ...). action: (B, A) one-hot of the last action, zero at the start of an episode.
     """
 
     latent: State
     action: Tensor
 
     def acted(self, action: Tensor) -> AgentState:
-        """The same state, when `action` (B,) is taken instead of the one that the agent chose."""
+        """The same state with `action`, (B,) int64, as the last action instead of the one that the agent chose."""
         return replace(self, action=class_one_hot(action, self.action.shape[-1]))
 
 
@@ -54,7 +54,7 @@ class Choice(NamedTuple):
 class RecurrentAgent:
     """Encoder, RSSM and actor of one stream, deterministic: modes instead of samples.
 
-    The weights must not change afterwards: maps of the recurrent loop are made once.
+    The weights must not change afterwards: the linear maps of the recurrent step are prepared here, once.
     """
 
     def __init__(self, model: WorldModel, actor: Actor) -> None:
@@ -69,7 +69,10 @@ class RecurrentAgent:
 
     @torch.inference_mode()
     def step(self, observation: Observation, state: AgentState) -> tuple[Choice, AgentState]:
-        """Filter one observation and choose; the new state assumes that the choice is taken (`AgentState.acted`)."""
+        """Update the posterior with one observation and choose an action.
+
+        The new state holds the chosen action as the last one; `AgentState.acted` replaces it where another is executed.
+        """
         model, rssm = self.model, self.model.rssm
         embed = model.embed(*model.encode(observation.view, observation.vector))
         deter = rssm.step_deter(state.latent, state.action, self._maps)
@@ -81,7 +84,7 @@ class RecurrentAgent:
 
     @torch.inference_mode()
     def reconstruct(self, state: AgentState) -> Tensor:
-        """(B, C*P*P, G, G) mask probabilities that the model believes in: for pictures, not for driving."""
+        """(B, C*P*P, G, G) mask probabilities decoded from the state: for pictures, not for driving."""
         return torch.sigmoid(self.model.decoder(state.latent.feature))
 
 
@@ -92,11 +95,11 @@ def imagine_open_loop(
     uniforms: Iterable[Tensor],
     is_first: Tensor | None = None,
 ) -> Iterator[State]:
-    """The prior alone: the states (B, ...) after each step, one per element of `uniforms`.
+    """Roll forward by the prior alone; yields the state (B, ...) after each step, one per element of `uniforms`.
 
-    start: (B, ...). actions: (B, K, A) one-hot, each the action that LEADS to its step, or a policy that gets the step
-    and the state before it. uniforms: (B, S) in [0, 1) for each step. is_first: (B, K) bool; the state is
-    reset where a recorded sequence starts an episode.
+    start: (B, ...). actions: (B, H, A) one-hot, each the action that LEADS to its step, or a policy that is given the
+    number of the step and the state before it and returns (B, A). uniforms: (B, S) in [0, 1) for each step.
+    is_first: (B, H) bool, true where a recorded sequence starts an episode; the state is reset there.
     """
     state, maps = start, rssm.plain_maps()
     for step, uniform in enumerate(uniforms):

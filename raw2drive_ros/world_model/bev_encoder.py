@@ -1,7 +1,7 @@
-"""Masks in, grid-shaped e_t out, and back: a patch stem instead of full-resolution convolutions.
+"""BEV masks to the grid-shaped embedding e_t, and features back to masks, without full-resolution convolutions.
 
-Masks arrive space-to-depth (C*P*P channels on a G x G grid), so that a 1x1 convolution is the first
-and the last layer: on a CPU the full-resolution layers of a usual encoder are most of its cost.
+Masks come space-to-depth (C*P*P channels on a G x G grid), so that the first and the last layer are 1x1
+convolutions: on a CPU the full-resolution layers of a usual encoder are most of its cost.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ EMPTY_LOGIT = -4.0
 
 
 class Residual(nn.Module):
-    """A 3x3 and a 1x1 convolution around a skip; two 3x3 cost nearly twice as much on a CPU.
+    """A residual block of a 3x3 and a 1x1 convolution; two 3x3 ones cost nearly twice as much on a CPU.
 
-    depthwise: the 3x3 looks at each feature alone, a fifth of the time.
+    depthwise: the 3x3 convolution treats each feature separately, in a fifth of the time.
     """
 
     def __init__(self, width: int, *, depthwise: bool = False) -> None:
@@ -47,15 +47,15 @@ class BevEncoder(nn.Module):
 
 
 class BevDecoder(nn.Module):
-    """Feature (N, F) -> mask logits (N, C*P*P, G, G) and the ego vector (N, V)."""
+    """Feature (N, F) -> mask logits (N, C*P*P, G, G); `ego`: the ego vector (N, 5) in symlog space."""
 
     def __init__(self, config: ModelConfig, vector_size: int) -> None:
         super().__init__()
         c = config
         self.grid = c.grid
-        # Half of e_t's features per cell: this linear layer is the largest one of the whole model.
+        # Half of e_t's features per cell: the linear layer that makes them is the largest one of the whole model.
         seed_features = c.grid_features // 2
-        # A grid latent is where it belongs already; only the deterministic state has to be spread over the cells.
+        # The categoricals of a grid latent belong to cells already; only the deterministic state has to be spread.
         self.deter, placed, cells = c.feature_size, 0, c.grid**2
         if c.latent == 'grid':
             self.deter, placed = c.deter, c.stoch_size // cells
@@ -65,7 +65,7 @@ class BevDecoder(nn.Module):
         self.widen = Conv(seed_features + placed, c.encoder_width, 1)
         self.body = Residual(c.encoder_width, depthwise=c.depthwise)
         self.out = Conv(c.encoder_width, len(c.mask_classes) * c.patch * c.patch, 1)
-        # Most pixels of most classes are empty: without this the first hundred steps learn nothing but that.
+        # Most pixels of most classes are empty: without this bias the first hundred steps learn nothing but that.
         assert self.out.bias is not None
         nn.init.constant_(self.out.bias, EMPTY_LOGIT)
         small = c.small_units or c.units
@@ -76,7 +76,7 @@ class BevDecoder(nn.Module):
         if self.deter < feature.shape[1]:
             stoch = feature[:, self.deter :].view(feature.shape[0], self.grid, self.grid, -1).permute(0, 3, 1, 2)
             x = torch.cat([x, stoch], 1)
-        # As the masks lie in memory: the loss compares the two element by element.
+        # The memory layout of the masks, which the loss compares with the logits element by element.
         x = x.contiguous(memory_format=torch.channels_last)
         return self.out(nn.functional.silu(self.body(self.widen(x))))
 

@@ -1,14 +1,14 @@
-"""Six cameras to the same grid as e_t: shared backbone, geometric lifting, BEV convolutions.
+"""Camera images to the grid of e_t: shared backbone, geometric lifting, BEV convolutions.
 
 Lifting: every BEV cell centre at several heights is projected into every camera by calibration; the
 bilinear weights form a sparse matrix (rows: height x cell, columns: feature pixels of all views),
 built once per rig. Each feature pixel also predicts a score per height; the lifted value is the
 score-weighted mean over all views that see the point, so the network learns which view and which
-height to trust. Any calibrated pinhole rig works; nothing but the matrix depends on it.
+height to trust. Any calibrated pinhole rig works; only the matrix depends on it.
 
-The route checkpoints are drawn onto the same grid, as closeness to the polyline through them. As plain
-vector features they did not reach the grid: aligning those features to the privileged ones washed the
-route out, and the car drove straight on at junctions (docs/lab_notes.md).
+The route checkpoints are drawn onto the same grid, as Gaussians of the distance to the polyline through them.
+As vector features alone they had no effect on the grid: aligning those features with the privileged ones
+erased the route, and the car drove straight on at junctions (docs/lab_notes.md).
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def cell_centres_m(side: int) -> Float64:
 def lifting_entries(
     cameras: Sequence[CameraCalibration], side: int, height_m: float, stride: int = STRIDE
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(rows, columns, weights) of one height's bilinear sampling matrix.
+    """Entries (rows, columns, weights) of the bilinear sampling matrix of one height.
 
-    rows: cell index in [0, side^2). columns: feature pixel over all cameras, camera-major.
+    height_m: z in `base_link`. rows: cell index in [0, side^2). columns: feature pixel of all cameras, camera-major.
     """
     xy = cell_centres_m(side).reshape(-1, 2)
     points = np.column_stack([xy, np.full(len(xy), height_m), np.ones(len(xy))])
@@ -92,7 +92,8 @@ class _SparseLift(torch.autograd.Function):
 
 
 class Lifting(nn.Module):
-    """Feature pixels (N, views * h * w, F) and scores (N, views * h * w, Z) -> (N, Z*F, side, side)."""
+    """Features (N, pixels, features) and scores (N, pixels, Z) of the feature pixels of all cameras, camera-major ->
+    (N, Z*features, side, side): the score-weighted mean of all cameras, for each height."""
 
     def __init__(self, config: ModelConfig, cameras: Sequence[CameraCalibration]) -> None:
         super().__init__()
@@ -110,7 +111,7 @@ class Lifting(nn.Module):
                 check_invariants=False,
             ).coalesce()
             with warnings.catch_warnings():
-                # Torch calls CSR "beta"; only its matrix product is used here, and a test checks that.
+                # Torch warns that CSR is in beta; only its matrix product is used here, and a test checks that.
                 warnings.filterwarnings('ignore', message='Sparse CSR tensor support')
                 self.matrices.append(matrix.to_sparse_csr())
                 self.transposed.append(matrix.t().coalesce().to_sparse_csr())
@@ -130,7 +131,8 @@ class Lifting(nn.Module):
 
 
 class Navigation(nn.Module):
-    """(N, V) vector -> (N, 2, side, side): closeness to the checkpoints and to the polyline through them."""
+    """(N, V) vector -> (N, 2, side, side): how near a cell is to the polyline through the next checkpoints, and to the
+    nearest checkpoint; Gaussians of the distance, 1 at distance 0."""
 
     cells: Tensor
 
@@ -146,7 +148,7 @@ class Navigation(nn.Module):
         starts = torch.cat([torch.zeros_like(points[:, :1]), points[:, :-1]], 1)
         along = points - starts
         length = along.square().sum(-1).clamp(min=1e-6)
-        # (N, segments, cells, 2): from each segment's start to each cell.
+        # (N, segments, cells, 2), in metres: from the start of each segment to each cell.
         offset = self.cells[None, None] - starts[:, :, None]
         part = ((offset * along[:, :, None]).sum(-1) / length[..., None]).clamp(0.0, 1.0)
         to_line = (offset - part[..., None] * along[:, :, None]).square().sum(-1).amin(1)
@@ -156,7 +158,11 @@ class Navigation(nn.Module):
 
 
 class CameraEncoder(nn.Module):
-    """(N, views, H, W, 3) uint8 RGB and (N, V) vector -> ê_t (N, E, G, G)."""
+    """(N, views, height, width, 3) uint8 RGB and (N, V) vector -> ê_t (N, E, G, G).
+
+    Raises ContractError for a camera whose image size is not the model's, ValueError for a `lift_grid` that strided
+    convolutions cannot reduce to the grid.
+    """
 
     def __init__(self, config: ModelConfig, cameras: Sequence[CameraCalibration]) -> None:
         super().__init__()
@@ -187,7 +193,7 @@ class CameraEncoder(nn.Module):
 
     def forward(self, images: Tensor, vector: Tensor) -> Tensor:
         count, views = images.shape[:2]
-        # .float() before the permute keeps the copy in memory order; -0.5 centres the input.
+        # .float() keeps the memory order of the permuted view, channels last; -0.5 centres the input.
         pixels = images.flatten(0, 1).permute(0, 3, 1, 2).float() / 255.0 - 0.5
         x = self.backbone(pixels)
         scores = self.score(x).flatten(2).transpose(1, 2).reshape(count, -1, self.score.out_channels)

@@ -11,14 +11,14 @@ from raw2drive_ros.settings import Strict
 
 
 class ModelConfig(Strict):
-    """One model size. mask_classes: name -> BEV channels that are merged into it."""
+    """Sizes of one model. mask_classes: name -> BEV channels that are merged into it."""
 
     mask_classes: dict[str, list[str]]
     mask_size: int = Field(64, description='masks are downsampled from 128 to this side')
     patch: int = Field(8, description='space-to-depth factor: the grid of e_t has mask_size / patch cells')
     grid_features: int = 32
     encoder_width: int = 96
-    depthwise: bool = Field(False, description='3x3 convolutions of BEV encoder and decoder feature by feature')
+    depthwise: bool = Field(default=False, description='3x3 convolutions of BEV encoder and decoder feature by feature')
     vector_features: int = 64
     deter: int = 512
     hidden: int = 256

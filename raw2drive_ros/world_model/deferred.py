@@ -1,8 +1,8 @@
 """Linear maps in a recurrent loop whose weight gradients are computed once, after the loop.
 
-Backpropagation through T steps of a thin batch adds a whole weight-sized matrix T times, which is memory traffic and
-nothing else. Here each step keeps its input and its output gradient, and the first step (whose backward comes last,
-because everything after it depends on it) multiplies them all at once. Exact up to rounding.
+Backpropagation through T steps of a small batch adds a weight-sized matrix T times; the time goes into memory traffic.
+Here each step keeps its input and its output gradient, and the first step (whose backward pass comes last, because
+all later steps depend on it) computes the weight gradient as one product of all of them. Exact up to rounding.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from torch.autograd.function import once_differentiable
 
 
 class DeferredLinear:
-    """One weight during one loop: call it once per step, with inputs that depend on the step before.
+    """The linear map of one weight in one loop. Make a new one for every loop and call it once per step.
 
-    weight: (I, O), or (blocks, I, O) for inputs (blocks, N, I). bias: (O,), or (blocks, 1, O), or None. Make a new one
-    for every loop.
+    Inputs: (N, I), or (blocks, N, I); all but the first must depend on the first output. weight: (I, O), or
+    (blocks, I, O). bias: (O,), or (blocks, 1, O), or None. The backward pass raises RuntimeError if it reaches the
+    first step before a later one.
     """
 
     def __init__(self, weight: Tensor, bias: Tensor | None) -> None:
@@ -28,16 +29,15 @@ class DeferredLinear:
         self.calls = 0
 
     def __call__(self, x: Tensor) -> Tensor:
-        first = self.calls == 0
-        self.calls += 1
-        return _Step.apply(x, self.weight, self.bias, self, first)
+        return _Step.apply(x, self.weight, self.bias, self)
 
 
 class _Step(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor | None, loop: DeferredLinear, first: bool) -> Tensor:
+    def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor | None, loop: DeferredLinear) -> Tensor:
         ctx.save_for_backward(x, weight)
-        ctx.loop, ctx.first = loop, first
+        ctx.loop, ctx.first = loop, loop.calls == 0
+        loop.calls += 1
         if bias is None:
             return x @ weight
         if weight.dim() == 3:
@@ -53,11 +53,13 @@ class _Step(torch.autograd.Function):
         loop.gradients.append(gradient)
         back = gradient @ weight.transpose(-1, -2) if ctx.needs_input_grad[0] else None
         if not ctx.first:
-            return back, None, None, None, None
+            return back, None, None, None
         if len(loop.inputs) != loop.calls:
-            raise RuntimeError('DeferredLinear: the first step must feed all later ones; it came back before some did')
+            raise RuntimeError(
+                'DeferredLinear: the first step must feed all later ones, but its backward pass came first'
+            )
         rows, gradients = torch.cat(loop.inputs, -2), torch.cat(loop.gradients, -2)
         loop.inputs.clear()
         loop.gradients.clear()
         bias = gradients.sum(-2, keepdim=gradients.dim() == 3) if ctx.needs_input_grad[2] else None
-        return back, rows.transpose(-1, -2) @ gradients, bias, None, None
+        return back, rows.transpose(-1, -2) @ gradients, bias, None

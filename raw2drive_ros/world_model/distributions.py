@@ -1,8 +1,8 @@
 """Categorical latents, two-hot scalars and masks: sampling and losses, without torch.distributions.
 
-Inverse-CDF sampling with one uniform per group replaces torch.distributions' samplers, which cost
-thirty times more on a CPU (`benchmarks/`); it also makes the noise an explicit input, so that two
-streams can share one sample (paper, "Rollout Guidance").
+Inverse-CDF sampling with one uniform per group replaces the samplers of torch.distributions, which cost
+thirty times more on a CPU; it also makes the noise an explicit input, so that two streams can share one
+sample (paper, "Rollout Guidance").
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-# Float32 rounds 1 - p to zero for logits above 17; the loss of a single pixel ends here, its gradient does not.
+# Float32 rounds 1 - p to zero for logits above 17; this bounds the loss of a single pixel, but not its gradient.
 SMALLEST = 1e-7
-# Softmax over a last axis this short is ten times slower than over one before it (measured on 32 x 256 x 4).
+# Softmax over a last axis this short is ten times slower than over the axis before it (measured on 32 x 256 x 4).
 FEW_CLASSES = 8
 
 
@@ -28,7 +28,7 @@ def mixed_log_probs(logits: Tensor, unimix: float) -> Tensor:
 
 
 def sample_classes(log_probs: Tensor, uniform: Tensor) -> Tensor:
-    """The classes (...) that `sample_one_hot` draws with the same uniforms."""
+    """(..., K) log-probabilities and (...) uniforms -> (...) int64: the classes that `sample_one_hot` draws."""
     with torch.no_grad():
         cumulative = torch.cumsum(log_probs.exp(), -1)
         below = cumulative < uniform.unsqueeze(-1) * cumulative[..., -1:]
@@ -39,7 +39,7 @@ def sample_one_hot(log_probs: Tensor, uniform: Tensor) -> Tensor:
     """(..., K) log-probabilities and (...) uniforms in [0, 1) -> (..., K) one-hot, without gradient."""
     with torch.no_grad():
         cumulative = torch.cumsum(log_probs.exp(), -1)
-        # 0 ... 0 1 ... 1, from the drawn class on; its differences are the one-hot.
+        # 0 ... 0 1 ... 1, with ones from the drawn class on; the differences of neighbours are the one-hot vector.
         reached = (cumulative >= uniform.unsqueeze(-1) * cumulative[..., -1:]).to(log_probs.dtype)
         reached[..., -1] = 1.0
         one_hot = reached.clone()
@@ -53,7 +53,7 @@ def class_one_hot(chosen: Tensor, classes: int) -> Tensor:
 
 
 def straight_through(one_hot: Tensor, log_probs: Tensor) -> Tensor:
-    """The sample in value, the probabilities in gradient."""
+    """(..., K) with the value of the sample and the gradient of the probabilities (straight-through estimator)."""
     probs = log_probs.exp()
     return one_hot + (probs - probs.detach())
 
@@ -64,21 +64,23 @@ def categorical_kl(left: Tensor, right: Tensor) -> Tensor:
 
 
 def symlog(x: Tensor) -> Tensor:
+    """sign(x) log(1 + |x|), elementwise: about x near 0, logarithmic far from it (DreamerV3)."""
     return torch.sign(x) * torch.log1p(torch.abs(x))
 
 
 def symexp(x: Tensor) -> Tensor:
+    """sign(x) (exp(|x|) - 1), elementwise: the inverse of `symlog`."""
     return torch.sign(x) * torch.expm1(torch.abs(x))
 
 
 def make_bins(count: int, limit: float = 20.0) -> Tensor:
-    """(N,) symexp-spaced bin values, exactly antisymmetric."""
+    """(L,) bin values, evenly spaced in symlog space from -limit to limit and exactly antisymmetric; count: L, odd."""
     half = symexp(torch.linspace(-limit, 0.0, (count + 1) // 2, dtype=torch.float64))
     return torch.cat([half, -half[:-1].flip(0)]).to(torch.float32)
 
 
 def two_hot(target: Tensor, bins: Tensor) -> Tensor:
-    """(...) values -> (..., N) weights on the two neighbouring bins, linear in raw space."""
+    """(...) values -> (..., L) weights on the two neighbouring bins, linear in the value (not in its symlog)."""
     target = target.clamp(bins[0], bins[-1])
     above = torch.searchsorted(bins, target.contiguous(), right=True).clamp(1, len(bins) - 1)
     low, high = bins[above - 1], bins[above]
@@ -89,7 +91,10 @@ def two_hot(target: Tensor, bins: Tensor) -> Tensor:
 
 
 def two_hot_mean(logits: Tensor, bins: Tensor) -> Tensor:
-    """Expected value; the symmetric halves are added smallest first, so that zero stays zero."""
+    """(..., L) logits -> (...) expected value.
+
+    Opposite bins are added in pairs, smallest first, so that equal logits give exactly 0.
+    """
     probs = torch.softmax(logits, -1)
     middle = len(bins) // 2
     left = (probs[..., :middle] * bins[:middle]).flip(-1)
@@ -98,23 +103,23 @@ def two_hot_mean(logits: Tensor, bins: Tensor) -> Tensor:
 
 
 def two_hot_loss(logits: Tensor, target: Tensor, bins: Tensor) -> Tensor:
-    """Cross-entropy of (..., N) logits with the two-hot target -> (...)."""
+    """Cross-entropy of (..., L) logits with two-hot (...) targets -> (...)."""
     return -(two_hot(target, bins) * torch.log_softmax(logits, -1)).sum(-1)
 
 
 def mask_loss(logits: Tensor, masks: Tensor, weights: Tensor | None = None) -> Tensor:
-    """Binary cross-entropy of (N, C, H, W) logits with 0/1 masks, summed over C, H, W -> (N,); weights: (C,)."""
+    """Binary cross-entropy of (N, C*P*P, G, G) logits with 0/1 masks, summed to (N,); weights: (C*P*P,)."""
     return _MaskLoss.apply(logits, masks, weights)
 
 
 class _MaskLoss(torch.autograd.Function):
-    """Binary cross-entropy with its gradient sigmoid(x) - y kept from the forward pass: what autograd would record
-    passes over the largest tensors of a step three times more often."""
+    """Binary cross-entropy that computes its gradient, sigmoid(x) - y, in the forward pass: autograd would pass over
+    these tensors, the largest of a step, three times more often."""
 
     @staticmethod
     def forward(ctx: Any, logits: Tensor, masks: Tensor, weights: Tensor | None) -> Tensor:
         probability = torch.sigmoid(logits)
-        # Probability of what is there: p where y is 1, 1 - p where it is 0.
+        # Probability of the true value: p where y is 1, 1 - p where it is 0.
         right = (probability + masks).sub_(1.0).abs_().clamp_(min=SMALLEST)
         slope, right = probability.sub_(masks), right.log_()
         if weights is not None:

@@ -12,7 +12,7 @@ from raw2drive_ros.world_model.one_hot_indices import Feature
 
 
 class TwoHotHead(nn.Module):
-    """A scalar as a distribution over symexp-spaced bins; its last layer starts at zero."""
+    """A scalar as a distribution over symexp-spaced bins; the last layer starts at zero, and so does the prediction."""
 
     bins: Tensor
 
@@ -26,12 +26,12 @@ class TwoHotHead(nn.Module):
         return two_hot_mean(self.net(feature), self.bins)
 
     def loss(self, feature: Feature, target: Tensor) -> Tensor:
-        """(..., F), (...) -> (...)."""
+        """(..., F) features, (...) targets -> (...) cross-entropy."""
         return two_hot_loss(self.net(feature), target, self.bins)
 
 
 class ContinueHead(nn.Module):
-    """Probability that the episode goes on."""
+    """Probability that the episode continues: (..., F) -> (...)."""
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()

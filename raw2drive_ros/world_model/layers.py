@@ -22,7 +22,7 @@ class RmsNorm(nn.Module):
 
 
 def init_linear(layer: nn.Linear | nn.Conv2d, scale: float = 1.0) -> None:
-    """Truncated normal by fan-in, zero bias."""
+    """Fill in place: truncated normal of standard deviation scale / sqrt(fan-in), zero bias."""
     fan_in = layer.weight[0].numel()
     std = scale / max(1.0, fan_in) ** 0.5 / 0.87962566103423978
     nn.init.trunc_normal_(layer.weight, 0.0, std or 1e-8, -2 * std, 2 * std)
@@ -33,7 +33,7 @@ def init_linear(layer: nn.Linear | nn.Conv2d, scale: float = 1.0) -> None:
 
 
 class Linear(nn.Linear):
-    """Also of one-hot vectors that are given by their indices."""
+    """A linear layer that also takes one-hot vectors given by their indices."""
 
     def __init__(self, inputs: int, outputs: int, scale: float = 1.0) -> None:
         super().__init__(inputs, outputs)
@@ -72,14 +72,14 @@ class Mlp(nn.Sequential):
 
 
 class ToCells(nn.Sequential):
-    """The deterministic state, told to every cell of the grid: (..., D) -> (..., cells * features)."""
+    """The deterministic state to features of every grid cell: (..., D) -> (..., G*G*features)."""
 
     def __init__(self, deter: int, hidden: int, cells: int, features: int) -> None:
         super().__init__(Dense(deter, hidden), Linear(hidden, cells * features))
 
 
 class BlockLinear(nn.Module):
-    """`blocks` independent linear maps on slices of the last axis: (..., blocks * I) -> (..., blocks * O)."""
+    """`blocks` independent linear maps, each of one slice of a vector: a block-diagonal linear layer."""
 
     def __init__(self, blocks: int, inputs: int, outputs: int) -> None:
         super().__init__()

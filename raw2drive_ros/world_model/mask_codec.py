@@ -1,4 +1,4 @@
-"""From the paper's 43 masks to a preset's: merge channels, downsample, space-to-depth, pack to bits."""
+"""The paper's 43 masks to those of a preset: merge channels, downsample, space-to-depth, pack to bits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class MaskCodec:
         return self.channels * self.grid**2 // 8
 
     def merge(self, bev: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        """(43, 128, 128) -> (C, size, size) 0/1: any merged channel set, and at least half of the pixel."""
+        """(43, 128, 128) -> (C, mask_size, mask_size) 0/1: do the merged channels cover at least half of the pixel?"""
         merged = np.stack([bev[g[0]] if len(g) == 1 else bev[g].any(axis=0) for g in self.groups]).view(np.uint8)
         if self.size == SIZE_PX:
             return merged
@@ -37,7 +37,7 @@ class MaskCodec:
         return (np.stack(small) >= 127).astype(np.uint8)
 
     def pack(self, bev: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        """(43, 128, 128) -> (packed_bytes,), cell by cell, each with its C*P*P space-to-depth channels."""
+        """(43, 128, 128) -> (packed_bytes,) uint8: bits, cell by cell, each with its C*P*P space-to-depth channels."""
         masks = self.merge(bev)
         g, p = self.grid, self.patch
         deep = masks.reshape(len(masks), g, p, g, p).transpose(1, 3, 0, 2, 4)
@@ -49,7 +49,7 @@ class MaskCodec:
         return bits.reshape(len(packed), self.grid, self.grid, self.channels).transpose(0, 3, 1, 2)
 
     def to_image_order(self, deep: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(N, C*P*P, G, G) -> (N, C, size, size), for pictures."""
+        """(N, C*P*P, G, G) -> (N, C, mask_size, mask_size), for pictures."""
         g, p = self.grid, self.patch
         split = deep.reshape(len(deep), len(self.groups), p, p, g, g)
         return split.transpose(0, 1, 4, 2, 5, 3).reshape(len(deep), len(self.groups), self.size, self.size)

@@ -1,7 +1,7 @@
-"""One-hot vectors by their indices: a product with them is a sum of rows. For samples that need no gradient.
+"""One-hot vectors stored as indices, for samples that need no gradient: a product with them is a sum of rows.
 
-With 32 classes per group this is an eighth of a dense product's time; with four it is none, and nothing here is used
-(`worthwhile`).
+With 32 classes per group this takes an eighth of the time of a dense product. With four it saves nothing, and dense
+vectors are used (`worthwhile`).
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ WORTHWHILE_CLASSES = 16
 
 
 def worthwhile(classes: int) -> bool:
-    """Whether sums of rows beat dense products for groups of so many classes."""
+    """Are sums of rows faster than dense products for groups of `classes` classes each?"""
     return classes >= WORTHWHILE_CLASSES
 
 
 @dataclass(frozen=True, slots=True)
 class OneHotIndices:
-    """index: (..., S), which of all S*K entries are one."""
+    """index: (..., S) int64, the positions of the ones among all S*K entries."""
 
     index: Tensor
 
@@ -34,13 +34,13 @@ class OneHotIndices:
 
     @classmethod
     def of_classes(cls, chosen: Tensor, classes: int) -> OneHotIndices:
-        """From (..., S) classes of the groups."""
+        """From the classes (..., S) of the groups."""
         return cls(chosen + torch.arange(chosen.shape[-1], device=chosen.device) * classes)
 
     def through(self, weight: Tensor, bias: Tensor | None = None) -> Tensor:
-        """(..., O): what a linear map with (O, S*K) weights makes of the one-hot vectors."""
+        """(..., O): the product of (O, S*K) weights with the one-hot vectors, plus `bias` (O,)."""
         rows = self.index.flatten(0, -2)
-        # Rows of the table have to lie together in memory.
+        # Each row of the table has to be contiguous in memory.
         table = weight.t().contiguous()
         summed = nn.functional.embedding_bag(rows, table, mode='sum').view(*self.index.shape[:-1], -1)
         return summed if bias is None else summed + bias
@@ -57,7 +57,7 @@ class SparseFeature:
         return SparseFeature(self.deter[where], OneHotIndices(self.stoch.index[where]))
 
     def through(self, weight: Tensor, bias: Tensor | None = None) -> Tensor:
-        """(..., O) of (O, D + S*K) weights."""
+        """(..., O): the product of (O, D + S*K) weights with the feature, plus `bias` (O,)."""
         size = self.deter.shape[-1]
         return nn.functional.linear(self.deter, weight[:, :size], bias) + self.stoch.through(weight[:, size:])
 
@@ -67,7 +67,7 @@ Feature = Tensor | SparseFeature
 
 
 def stack(features: Sequence[Feature]) -> Feature:
-    """Along a new first axis; all of them dense, or all sparse."""
+    """Stack along a new first axis; the features are all dense or all sparse."""
     dense = [feature for feature in features if isinstance(feature, Tensor)]
     if dense:
         return torch.stack(dense)

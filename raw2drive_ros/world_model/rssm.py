@@ -43,7 +43,7 @@ class SparseState:
 
     @property
     def feature(self) -> SparseFeature:
-        """What every head reads, too."""
+        """`State.feature`, with the stochastic part as indices."""
         return SparseFeature(self.deter, self.stoch)
 
 
@@ -114,14 +114,14 @@ class Rssm(nn.Module):
         return State(torch.zeros(batch, c.deter, device=device), torch.zeros(batch, c.stoch_size, device=device))
 
     def maps(self) -> Maps:
-        """For one pass over a sequence: while gradients are recorded, with deferred weight gradients."""
+        """The maps for one pass over a sequence; while gradients are recorded, with deferred weight gradients."""
         if not torch.is_grad_enabled() or not self.post_out.weight.requires_grad:
             return self.plain_maps()
         inputs = (self.input_deter.linear, self.input_stoch.linear)
         deter, dense_stoch = (DeferredLinear(layer.weight.t(), layer.bias) for layer in inputs)
 
         def stoch(x: Tensor | OneHotIndices) -> Tensor:
-            # While gradients are recorded, samples are dense: they carry one.
+            # While gradients are recorded samples are dense, because gradients flow through them.
             assert isinstance(x, Tensor)
             return dense_stoch(x)
 
@@ -129,13 +129,13 @@ class Rssm(nn.Module):
         core = DeferredLinear(own, None), DeferredLinear(shared, self.core_hidden.bias.flatten())
         gates = DeferredLinear(self.core_gates.weight, self.core_gates.bias)
         if not isinstance(self.post_deter, Linear):
-            # A cell's map is small and has rows enough at every step.
+            # The map of a cell is small and has many rows at every step: nothing is gained by deferring.
             return Maps(deter, stoch, *core, gates, self.post_deter, self.post_out)
         post_deter, post_out = (DeferredLinear(m.weight.t(), m.bias) for m in (self.post_deter, self.post_out))
         return Maps(deter, stoch, *core, gates, post_deter, post_out)
 
     def plain_maps(self) -> Maps:
-        """With the weights as they are now; for a loop of steps without gradients, make them once."""
+        """The maps with the present weights; make them once for a loop of steps without gradients."""
         own, shared = self._core_parts()
         bias = self.core_hidden.bias.flatten()
         return Maps(
@@ -151,17 +151,17 @@ class Rssm(nn.Module):
     def _core_parts(self) -> tuple[Tensor, Tensor]:
         """Weights of `core_hidden`: (blocks, I, O) of each block's own state, (3*hidden, D) of what all blocks read.
 
-        The latter is one product, without a copy of these inputs for every block.
+        The latter are applied in one product, without a copy of these inputs for every block.
         """
         weight, size = self.core_hidden.weight, self.config.deter // self.config.blocks
         return weight[:, :size], weight[:, size:].transpose(0, 1).flatten(1)
 
     def step_deter(self, state: State | SparseState, action: Tensor, maps: Maps | None = None) -> Tensor:
-        """h_t from (B, D), (B, S*K) and one-hot (B, A) actions; maps: `plain_maps`, for many steps."""
+        """h_t, (B, D), from the state before it and one-hot actions (B, A). maps: `plain_maps()`, made once."""
         return self.next_deter(state, self.input_action(action), maps or self.plain_maps())
 
     def next_deter(self, state: State | SparseState, action_hidden: Tensor, maps: Maps) -> Tensor:
-        """h_t, where `action_hidden` is `input_action(a)`."""
+        """h_t, (B, D), where `action_hidden` is `input_action(a)`, (B, hidden)."""
         c = self.config
         batch = state.deter.shape[0]
         silu = nn.functional.silu
@@ -202,12 +202,12 @@ class Rssm(nn.Module):
         return one_hot.flatten(-2)
 
     def sparse(self, state: State) -> State | SparseState:
-        """For steps without gradients: the sample as indices where that is faster, else the state itself."""
+        """For steps without gradients: the state, with its sample as indices where that is faster."""
         classes = self.config.classes
         return SparseState(state.deter, OneHotIndices.of(state.stoch, classes)) if worthwhile(classes) else state
 
     def imagine(self, deter: Tensor, uniform: Tensor) -> State | SparseState:
-        """h_t with a sample of the prior, without gradients; sparse as `sparse` says."""
+        """The state of h_t, (B, D), and a sample of its prior, without gradients; sparse where that is faster."""
         log_probs, classes = self.prior(deter), self.config.classes
         if worthwhile(classes):
             return SparseState(deter, OneHotIndices.of_classes(sample_classes(log_probs, uniform), classes))
@@ -216,9 +216,9 @@ class Rssm(nn.Module):
     def observe(
         self, embed: Tensor, actions: Tensor, is_first: Tensor, uniform: Tensor, start: State | None = None
     ) -> tuple[State, Tensor]:
-        """Filter a sequence.
+        """Posterior states of a sequence.
 
-        embed: (B, T, E). actions: (B, T, A), the action that LED to step t. is_first: (B, T) bool.
+        embed: (B, T, E*G*G + W). actions: (B, T, A), the action that LED to step t. is_first: (B, T) bool.
         uniform: (B, T, S). Returns states (B, T, ...) and posterior log-probabilities (B, T, S, K).
         """
         state = start or self.initial(embed.shape[0])

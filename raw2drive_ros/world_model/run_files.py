@@ -1,6 +1,6 @@
-"""The folder of a training run, as those who only read it see it: configuration, checkpoints, the best one.
+"""Reading the folder of a training run: configuration, checkpoints, the best checkpoint.
 
-`training.run` and `training.checkpoint` write it. Reading needs no optimiser and no trainer.
+`training.run` and `training.checkpoint` write it. Reading it needs no optimiser and no trainer.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def run_of(path: Path) -> Path:
 
 
 def newest_checkpoint(folder: Path) -> Path | None:
-    """The newest whole checkpoint, or None."""
+    """The newest complete checkpoint, or None."""
     if not folder.is_dir():
         return None
     whole = [p for p in folder.iterdir() if p.name.isdigit() and (p / STATE).is_file()]
@@ -60,7 +60,7 @@ def checkpoint_of(path: Path) -> Path:
 
 
 def read_checkpoint(checkpoint: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """(tensors, state). Raises CheckpointError."""
+    """(tensors, state) of a checkpoint. Raises CheckpointError."""
     try:
         return load_file(checkpoint / TENSORS), json.loads((checkpoint / STATE).read_text())
     except Exception as error:
@@ -68,7 +68,7 @@ def read_checkpoint(checkpoint: Path) -> tuple[dict[str, Tensor], dict[str, Any]
 
 
 def load_modules(source: Path, tensors: Mapping[str, Tensor], modules: Mapping[str, nn.Module]) -> None:
-    """Fill each module with the tensors `NAME/...`. Raises CheckpointError."""
+    """Load the tensors `NAME/...` into the module of that name. Raises CheckpointError."""
     for name, module in modules.items():
         try:
             module.load_state_dict(part_of(tensors, name))

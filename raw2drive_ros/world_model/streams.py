@@ -1,7 +1,7 @@
 """The two world models. Privileged: encoder, RSSM, decoder, reward, continue. Raw: camera encoder, RSSM, decoder.
 
-The raw stream has no reward and no continue head: near-identical frames carry very different scalars
-there, and the paper's ablation shows that they hurt. `raw_heads` switches them on for that ablation.
+The raw stream has no reward and no continue head: camera frames that are nearly identical can have very
+different rewards, and in the paper's ablation the heads hurt. `raw_heads` switches them on for that ablation.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Share = Literal['init', 'tied', 'none']
 
 
 class WorldModel(nn.Module):
-    """What both streams have: a vector encoder, an RSSM and a BEV decoder around their own grid encoder."""
+    """What both streams have in common: vector encoder, RSSM and BEV decoder. The grid encoder is the stream's own."""
 
     def __init__(self, config: ModelConfig, encoder: nn.Module, vector_size: int, ego_size: int, actions: int) -> None:
         super().__init__()
@@ -43,12 +43,12 @@ class WorldModel(nn.Module):
         return grid, self.vector_encoder(symlog(vector))
 
     def embed(self, grid: Tensor, vector: Tensor) -> Tensor:
-        """What the posterior reads: (N, E*G*G + W)."""
+        """The embedding that the posterior reads: (N, E, G, G) and (N, W) -> (N, E*G*G + W)."""
         return torch.cat([grid.flatten(1), vector], -1)
 
 
 class PrivilegedWorldModel(WorldModel):
-    """advised: with a head that predicts the expert's action, whose gradient teaches the states what matters to it."""
+    """advised: with a head that predicts the expert's action, so that states keep what this action depends on."""
 
     def __init__(self, config: ModelConfig, ego_size: int, actions: int, *, advised: bool = False) -> None:
         super().__init__(config, BevEncoder(config), ego_size, ego_size, actions)
@@ -72,15 +72,18 @@ class RawWorldModel(WorldModel):
         self.cont = ContinueHead(config) if 'continue' in heads else None
 
     def encode(self, observation: Tensor, vector: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, views, H, W, 3) uint8 images and (N, V) vector -> ê_t (N, E, G, G) and vector features (N, W)."""
+        """(N, views, height, width, 3) uint8 images, (N, V) vector -> ê_t (N, E, G, G), vector features (N, W)."""
         grid: Tensor = self.encoder(observation, vector)
         return grid, self.vector_encoder(symlog(vector))
 
     def initialise_from(
         self, privileged: PrivilegedWorldModel, *, rssm: Share = 'init', decoder: Share = 'init'
     ) -> None:
-        """How RSSM and decoder begin (paper, Fig. 4 and its ablation): `init` as copies of the privileged ones, `tied`
-        as the same (frozen) ones, `none` from scratch."""
+        """Initialise RSSM and decoder (paper, Fig. 4 and its ablation).
+
+        `init` copies the privileged weights, `tied` uses the privileged (frozen) modules themselves, `none` leaves the
+        raw stream's own fresh weights.
+        """
         for name, share in (('rssm', rssm), ('decoder', decoder)):
             theirs = getattr(privileged, name)
             if share == 'tied':

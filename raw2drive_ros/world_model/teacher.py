@@ -1,4 +1,4 @@
-"""The privileged networks as others use them: of a run, of one of its checkpoints, or of a teacher bundle.
+"""The trained privileged networks, loaded from a run, from one of its checkpoints or from a teacher bundle.
 
 A teacher bundle is a folder of data:
 
@@ -38,15 +38,15 @@ from raw2drive_ros.world_model.streams import PrivilegedWorldModel
 
 FORMAT = 1
 MANIFEST = 'teacher.json'
-# The name that format 1 has for it.
+# The key that format 1 has for the metadata.
 METADATA = 'facts'
-# The slow critic steadies learning and the advice head teaches the states: neither is needed to drive or to guide.
+# The slow critic and the advice head serve training alone: neither is needed to drive or to guide the raw stream.
 LEFT_OUT = ('policy/critic.slow.', 'model/advice.')
 
 
 @dataclass(slots=True)
 class Teacher:
-    """World model and policy of stage 1, without what training them needs. gamma: discount of its rewards."""
+    """World model and policy of stage 1, without optimisers. gamma: discount per step, steps: gradient steps taken."""
 
     config: ModelConfig
     model: PrivilegedWorldModel
@@ -79,14 +79,14 @@ def load_teacher(path: Path) -> Teacher:
 
 
 def teacher_identity(path: Path) -> str:
-    """Tells teachers apart by their weights. Raises CheckpointError."""
+    """A short hash of a teacher's weights. Raises CheckpointError."""
     if is_bundle(path):
         return str(read_manifest(path)['identity'])
     return short_hash((checkpoint_of(path) / TENSORS).read_bytes())
 
 
 def save_teacher(target: Path, teacher: Teacher, config: dict[str, Any], metadata: dict[str, Any]) -> str:
-    """Write a bundle; returns its identity. config: of the run, as `config.json` holds it."""
+    """Write a bundle; returns its identity. config: of the run, as in its `config.json`."""
     tensors = {
         f'{name}/{key}': value
         for name, module in teacher.modules().items()
@@ -119,7 +119,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 
 def _untrained(config: dict[str, Any], source: Path) -> Teacher:
-    """Networks of the right sizes. config: `model` and `train` of a run. Raises CheckpointError."""
+    """Fresh networks of the sizes in `config`, `model` and `train` of a run. Raises CheckpointError."""
     try:
         model, train = ModelConfig(**config['model']), config['train']
         advised = float(train.get('weight_advice', 0.0)) > 0.0

@@ -1,4 +1,4 @@
-"""Every ablation switch changes what it is about, and nothing else: a switch that is read by nobody fails here."""
+"""Every ablation switch changes its own loss and no other; a switch that no code reads fails here."""
 
 import math
 

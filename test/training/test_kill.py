@@ -1,4 +1,4 @@
-"""Training that is killed at any moment and called again ends with the weights of a run that nobody disturbed."""
+"""Training that is killed at any moment and called again ends with the weights of an uninterrupted run."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Both stages learn one batch by heart, resume exactly, and leave the teacher alone."""
+"""Both stages overfit one batch and resume exactly; stage 2 does not change the teacher."""
 
 import copy
 import json
@@ -169,7 +169,7 @@ def test_wrong_field_is_named() -> None:
 
 
 def test_paper_preset_keeps_43_classes_and_takes_a_step_of_both_stages(tmp_path) -> None:
-    """The paper's sizes (150 million weights in stage 1) on a batch as small as can be."""
+    """The paper's sizes (150 million weights in stage 1) on the smallest possible batch."""
     config = make_config('paper', {'threads': 1, 'starts': 2, 'horizon': 2})
     model = config.model
     assert len(model.mask_classes) == 43
@@ -198,7 +198,7 @@ def test_two_trainers_cannot_share_a_run_folder(bags, workspace, tmp_path) -> No
 
 
 def test_imitation_raises_the_likelihood_of_what_the_expert_did(workspace, tmp_path) -> None:
-    """Only its own bags count: those of the rule driver hold the same drives under another name."""
+    """Only bags of the driver `expert` count: those of `rule` hold the same drives under another name."""
     config = CollectConfig(('LaneFollowing',), ticks=120, episode_ticks=60, cameras=False)
     losses = {}
     for name in ('expert', 'rule'):

@@ -1,4 +1,4 @@
-"""Two processes of `torchrun`, each with half of the batch, learn what one process learns from the whole of it."""
+"""Two processes of `torchrun` with half of the batch each have the losses of one process with the whole batch."""
 
 import json
 import os

@@ -94,7 +94,7 @@ def test_the_best_round_is_kept(run, tmp_path) -> None:
     assert not keep_if_best(tmp_path, checkpoint, {'driving_score': 20.0, 'round': 2})
     assert keep_if_best(tmp_path, checkpoint, {'driving_score': 31.0, 'round': 3})
     assert json.loads((tmp_path / 'best' / 'score.json').read_text())['round'] == 3
-    (tmp_path / 'best').rename(tmp_path / 'best.old')
+    (tmp_path / 'best').rename(tmp_path / '.best.old')
     assert not keep_if_best(tmp_path, checkpoint, {'driving_score': 30.5, 'round': 4}), 'killed between two renames'
     assert json.loads((tmp_path / 'best' / 'score.json').read_text())['round'] == 3
 
@@ -152,7 +152,7 @@ def test_a_focused_collection_drives_more_of_what_failed(tmp_path) -> None:
     failed = failures_by_type(tmp_path, 3)
     assert failed == {'ParkedObstacle': 0.75, 'HighwayExit': 0.0}
     assert failures_by_type(tmp_path, 0) == {}
-    # What kills of validations leave: half a row, and a file without a header.
+    # Killed validations leave half a row, or a file without a header.
     with (tmp_path / 'validation' / 'round_03.jsonl').open('a') as file:
         file.write('{"id": "ParkedObst')
     (tmp_path / 'validation' / 'round_04.jsonl').write_text('')

@@ -1,4 +1,4 @@
-"""Categoricals per cell: each cell's are written by that cell's features and read by the decoder at that cell."""
+"""Grid latent: a cell's categoricals depend on that cell's features alone, and the decoder reads them at that cell."""
 
 import pytest
 import torch

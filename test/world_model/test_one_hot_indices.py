@@ -1,4 +1,4 @@
-"""One-hot vectors by their indices: the same numbers as dense products, in imagination too."""
+"""One-hot vectors stored as indices give the same numbers as dense products, in imagination too."""
 
 import copy
 
