@@ -30,7 +30,7 @@ class DriverOptions:
 
 @dataclass(frozen=True, slots=True)
 class DriverEntry:
-    """about: one line for people. learned: has weights. table: its commands are already actions of the policy's table."""
+    """about: one line for people. learned: has weights. table: its commands are actions of the policy's table."""
 
     make: Callable[[DriverOptions], EpisodeDriver]
     about: str

@@ -1,8 +1,8 @@
 """Turns a continuous driver's commands into the policy's 39 discrete actions, so that a policy can imitate its bags.
 
 The table brakes fully or not at all and steers in steps. Each command becomes the closest action, and the rounding
-error is not carried over to the next tick. The action then depends on the current state alone, which a policy can learn,
-and the driver corrects the error a tick later because it sees the resulting state.
+error is not carried over to the next tick. The action then depends on the current state alone, which a policy can
+learn, and the driver corrects the error a tick later because it sees the resulting state.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class TableActionDriver:
 
 
 def through_table(name: str, driver: EpisodeDriver, noise: float = 0.0) -> TableActionDriver:
-    """The driver that `--table` makes of a named one; the expert plans in coarse steps and notes its choice as advice."""
+    """The driver that `--table` makes of a named one; the expert plans coarsely and notes its choice as advice."""
     is_expert = name == 'expert'
     return TableActionDriver(expert_driver(coarse=True) if is_expert else driver, noise, advises=is_expert)
 

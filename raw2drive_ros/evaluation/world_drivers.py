@@ -47,7 +47,7 @@ def rule_driver(noise: float = 0.0) -> WorldDriver:
 
 
 def expert_driver(*, coarse: bool = False) -> WorldDriver:
-    """The expert; coarse: it simulates plans in steps of a decision, which halves its cost and solves as many routes."""
+    """The expert; coarse: plans are simulated in steps of a decision; half the cost, and no fewer routes are solved."""
     return WorldDriver(lambda seed: ExpertDriver(SUBSTEPS if coarse else 1).control)
 
 

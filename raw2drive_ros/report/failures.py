@@ -1,4 +1,4 @@
-"""Failed drives for people: what happened, what it looked like, and the command that drives it again."""
+"""Failed drives for the report: what happened, what it looked like, and the command that repeats the drive."""
 
 from __future__ import annotations
 
