@@ -82,7 +82,7 @@ def broken_links(text: str, folder: Path) -> Iterator[str]:
 
 
 def missing_files(code: str) -> Iterator[str]:
-    """Python files by path or bare name, and paths that begin with a folder of the repository. NAME is a placeholder."""
+    """Python files by path or bare name, and paths that begin with a folder of the project. NAME is a placeholder."""
     for word in re.findall(r'[\w./*-]+', code):
         name = word.rstrip('.')
         first = name.split('/')[0]
