@@ -1,12 +1,13 @@
-"""What each part of the teacher's recipe is worth: one thing changed at a time, on the same bags, judged on validation.
+"""What each part of the teacher's recipe contributes: one change at a time, on the same bags, scored on validation.
 
 Every variant is trained from nothing on the bags that a run of the recipe collected (`raw2drive train privileged`) with
-the same number of steps and draws, then drives the suite `validation`. A variant that is done already is not done
-again; one that was stopped goes on. `base_seed1` is the base with other draws: differences of its size are chance.
+the same number of steps and the same random draws, then drives the suite `validation`. Finished variants are not
+repeated; an interrupted one is resumed. `base_seed1` is the base with other random draws: differences of its size are
+chance.
 
 python -m benchmarks.ablations --bags runs/teacher/bags --out runs/ablations [--steps 2000] [--only base reset ...]
 
-On two cores, two of these with --threads 1 and different variants are done sooner than one with two threads.
+On two cores, two of these commands with --threads 1 and different variants finish sooner than one with two threads.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ VARIANTS = {
 
 
 def train(name: str, options: argparse.Namespace, run: Path) -> None:
-    """Train one variant, from where it was stopped; done already, it only says so."""
+    """Train one variant, or resume it; a finished one is left as it is."""
     variant, recipe = VARIANTS[name], load_recipe(options.recipe)
     fields = recipe.set | {'decay_share': 0.25, 'checkpoint_every': 250, 'threads': options.threads} | variant.set
     fields = {name: options.steps // 2 if value == HALF_WAY else value for name, value in fields.items()}
@@ -59,7 +60,7 @@ def train(name: str, options: argparse.Namespace, run: Path) -> None:
 
 
 def drive(run: Path, results: Path, workers: int) -> Results:
-    """Drive the suite with the policy as training left it; routes that were driven already are kept."""
+    """Drive the suite with the newest checkpoint; rows of routes that were driven already are kept."""
     newest = max((run / 'checkpoints').iterdir(), key=lambda path: int(path.name))
     command = ['evaluate', '--driver', 'privileged', '--run', str(newest), '--suite', SUITE, '--workers', str(workers)]
     call([*command, '--out', str(results), '--json'])
@@ -67,14 +68,17 @@ def drive(run: Path, results: Path, workers: int) -> Results:
 
 
 def call(arguments: list[str]) -> None:
+    """Run a verb of `raw2drive` in a process of its own. Raises CalledProcessError."""
     subprocess.run([sys.executable, '-m', 'raw2drive_ros.cli.main', *arguments], check=True, stdout=subprocess.DEVNULL)
 
 
 def interval(value: dict[str, float]) -> str:
+    """A mean with its 95 % interval, for a cell of the table."""
     return f'{value["mean"]:.1f} ({value["low"]:.1f} to {value["high"]:.1f})'
 
 
 def main() -> int:
+    """Train and drive the chosen variants; print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--bags', type=Path, required=True, help="the bags of a recipe's run")
     parser.add_argument('--out', type=Path, default=Path('runs/ablations'), help='one run per variant, and its results')

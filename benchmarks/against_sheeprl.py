@@ -1,7 +1,7 @@
 """One training step (world model and behaviour) of this project and of sheeprl's DreamerV3 at equal sizes, in turns.
 
-Each runs in its own process, one waits while the other works, so that a busy machine slows both; random data. Beside
-other work take one thread: two wait for each other at every operation, and both sides become many times slower.
+Each runs in its own process, one waits while the other works, so that a busy machine slows both; random data. While
+other work runs use one thread: two wait for each other at every operation, and both sides become many times slower.
 
 Equal: 16 sequences of 32 observations of 64x64x3 and a vector of 5, an embedding of 2048 + 64, a deterministic state
 of 512, 32x32 latents in one flat vector, 256 hidden units, 39 actions, 512 imagined rollouts of 15 steps, 255 bins, 2
@@ -22,7 +22,7 @@ Not equal, because that is how the two are built:
   products with one-hot vectors). sheeprl: layer norms, torch.distributions.
 - Metrics. Ours are computed in every step; sheeprl's are switched off, which is in its favour. torch.compile, an
   option of sheeprl's, is off as by default.
-The tables of parameters and operations are for judging how much of a ratio is less work and how much is faster work.
+The tables of parameters and operations show how much of a ratio is less work and how much is faster work.
 Speed at these sizes says nothing about how well either learns.
 """
 
@@ -63,7 +63,7 @@ SMALLEST_IMAGE, LAST_WIDTH = 4, 8
 
 
 def our_config(*, full_convolutions: bool = False) -> RunConfig:
-    """The sizes of both; sheeprl's are derived from these."""
+    """The configuration that sets the sizes of both; `their_sizes` derives sheeprl's."""
     model = {
         'mask_classes': {'road': ['road'], 'route': ['route'], 'vehicle': ['vehicle@now']},
         'latent': 'flat',
@@ -77,7 +77,7 @@ def our_config(*, full_convolutions: bool = False) -> RunConfig:
 
 
 def their_sizes(config: RunConfig, threads: int) -> dict[str, Any]:
-    """What `sheeprl_steps` has to know; see there."""
+    """The sizes that `sheeprl_steps` takes, see there."""
     m, t = config.model, config.train
     sizes: dict[str, Any] = {
         name: getattr(m, name)
@@ -131,7 +131,7 @@ class Sheeprl:
 
     def step(self) -> dict[str, Any]:
         assert self.process.stdin is not None
-        # If it has died, reading says so.
+        # If the process has died, `_answer` reports it.
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.write('step\n')
         return self._answer()
@@ -162,6 +162,7 @@ def summary(samples: list[dict[str, float]]) -> dict[str, float]:
 
 
 def measure(python: str, threads: int, rounds: int, *, full_convolutions: bool = False) -> dict[str, Any]:
+    """Steps of both sides in turns: times, memory, operations and parameters of each, and their ratios."""
     torch.set_num_threads(threads)
     config = our_config(full_convolutions=full_convolutions)
     trainer = PrivilegedTrainer(config)
@@ -186,6 +187,7 @@ def measure(python: str, threads: int, rounds: int, *, full_convolutions: bool =
 
 
 def print_tables(result: dict[str, Any]) -> None:
+    """The result of `measure` as Markdown."""
     ours, theirs, ratios = result['ours'], result['sheeprl'], result['ratio']
     versions = ', '.join(f'{name} {number}' for name, number in result['versions'].items())
     print(f'{versions}; torch threads: {result["threads"]}; rounds, in turns: {result["rounds"]}\n')
@@ -207,6 +209,7 @@ def print_tables(result: dict[str, Any]) -> None:
 
 
 def main() -> None:
+    """Measure both sides; print tables or JSON."""
     parser = argparse.ArgumentParser(
         description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,7 +1,7 @@
 """The whole graph in lock-step: ticks per second, planner latency and messages lost, at two image sizes.
 
-The planner runs an untrained nano model here for 224x400 (the shipped one takes 96x160); the graph, its
-transport and its recorder are the real ones.
+For 224x400 the planner runs an untrained nano model, because the shipped one takes 96x160; the graph, its transport
+and its recorder are the real ones.
 
 python -m benchmarks.graph [--ticks 300]
 """
@@ -26,6 +26,7 @@ from raw2drive_ros.world_model.streams import RawWorldModel
 
 
 def untrained_bundle(folder: Path, size: tuple[int, int]) -> Path:
+    """A nano policy with random weights for images of size (H, W)."""
     config = make_config('nano').model.model_copy(update={'image_size': size})
     rig = camera_rig(*size)
     model = RawWorldModel(config, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT)
@@ -34,6 +35,7 @@ def untrained_bundle(folder: Path, size: tuple[int, int]) -> Path:
 
 
 def main() -> None:
+    """Drive one route per case; print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--ticks', type=int, default=300)
     options = parser.parse_args()

@@ -15,6 +15,7 @@ from raw2drive_ros.settings import default_bundle
 
 
 def main() -> int:
+    """Drive the suite both ways; exit code 1 when a row differs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--driver', default='rule')
     parser.add_argument('--suite', default='dev10')

@@ -18,6 +18,7 @@ from raw2drive_ros.simulation.route_id import RouteId
 
 
 def main() -> None:
+    """Drive two routes per number of threads; print a table."""
     cv2.setNumThreads(1)
     bundle = load_bundle(default_bundle())
     print('| torch threads | p50 ms | p99 ms | decisions |')

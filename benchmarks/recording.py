@@ -1,6 +1,6 @@
 """Is anything lost when six cameras are recorded at full rate? python -m benchmarks.recording [--seconds 60]
 
-One process publishes six 224x400 pictures of noise (the hardest to compress) at 20 Hz, the recorder is another one.
+One process publishes six 224x400 pictures of noise (the hardest to compress) at 20 Hz, the recorder is another.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ time.sleep(1.0)
 
 
 def main() -> None:
+    """Publish and record; print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=int, default=60)
     parser.add_argument('--rate', type=int, default=20)

@@ -20,6 +20,8 @@ from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
 Step = Callable[[], object]
+# The argument `is_continuous` of sheeprl: actions are discrete here.
+IS_CONTINUOUS = False
 
 
 def timed(step: Step) -> dict[str, float]:
@@ -38,12 +40,13 @@ def gflop(step: Step) -> float:
 
 
 def parameter_count(parts: Iterable[nn.Module | nn.Parameter]) -> int:
+    """Number of scalars in all parameters of the parts."""
     tensors = [[part] if isinstance(part, nn.Parameter) else part.parameters() for part in parts]
     return sum(tensor.numel() for group in tensors for tensor in group)
 
 
 def compose(sizes: dict[str, Any]) -> Any:
-    """sheeprl's own configuration (its S recipe, which everything not named here is taken from) at the given sizes."""
+    """sheeprl's own configuration at the given sizes; everything that is not named here is from its recipe S."""
     import hydra
     from omegaconf import OmegaConf
     from sheeprl.utils.utils import dotdict
@@ -73,7 +76,7 @@ def compose(sizes: dict[str, Any]) -> Any:
         'critic.bins': sizes['bins'],
         'mlp_keys.encoder': '[ego]',
     } | {f'world_model.{name}': value for name, value in world.items()}
-    # Without its logging: what sheeprl need not do for the weights is not counted against it.
+    # Without its logging: work that does not update the weights is not counted against sheeprl.
     overrides = ['exp=dreamer_v3', 'env=dummy', f'env.screen_size={sizes["side"]}', 'metric.log_level=0']
     with hydra.initialize_config_module('sheeprl.configs', version_base='1.3'):
         config = hydra.compose('config', overrides + [f'algo.{name}={value}' for name, value in algo.items()])
@@ -98,7 +101,7 @@ def random_data(sizes: dict[str, Any]) -> dict[str, torch.Tensor]:
 
 
 def build(sizes: dict[str, Any]) -> tuple[Step, dict[str, int]]:
-    """A step of sheeprl, as the loop of its `main` takes it, and its parameter counts by part."""
+    """A training step of sheeprl, as the loop of its `main` takes it, and its parameter counts by part."""
     import gymnasium
     import hydra
     import numpy as np
@@ -121,7 +124,7 @@ def build(sizes: dict[str, Any]) -> tuple[Step, dict[str, int]]:
         ego=gymnasium.spaces.Box(-1.0, 1.0, (sizes['ego'],), np.float32),
     )
     actions = (sizes['actions'],)
-    world, actor, critic, slow, _ = build_agent(fabric, actions, False, config, space)
+    world, actor, critic, slow, _ = build_agent(fabric, actions, IS_CONTINUOUS, config, space)
     optimizers = fabric.setup_optimizers(
         *(
             hydra.utils.instantiate(part.optimizer, params=module.parameters(), _convert_='all')
@@ -135,7 +138,7 @@ def build(sizes: dict[str, Any]) -> tuple[Step, dict[str, int]]:
     def step() -> None:
         with torch.no_grad():
             torch._foreach_lerp_(list(slow.parameters()), list(critic.parameters()), algo.critic.tau)
-        train(fabric, world, actor, critic, slow, *optimizers, data, None, config, False, actions, moments)
+        train(fabric, world, actor, critic, slow, *optimizers, data, None, config, IS_CONTINUOUS, actions, moments)
 
     rssm = world.rssm
     parts = {
@@ -154,6 +157,7 @@ def build(sizes: dict[str, Any]) -> tuple[Step, dict[str, int]]:
 
 
 def main() -> None:
+    """Describe the networks, then take a step for every line of standard input."""
     # Whatever the libraries print goes to standard error: standard output carries nothing but the protocol.
     answers = os.fdopen(os.dup(1), 'w', buffering=1)
     os.dup2(2, 1)

@@ -14,7 +14,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def measure(number: signal.Signals, out: Path, start_within_s: float = 120.0) -> tuple[float, int, bool]:
-    """(seconds until the demo has ended, its exit code, is the bag closed)."""
+    """(seconds from the signal until the demo has ended, its exit code, whether the bag is closed)."""
     command = [sys.executable, '-m', 'raw2drive_ros.cli.main', 'demo', '--out', str(out), '--no-video']
     process = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
     deadline = time.monotonic() + start_within_s
@@ -28,6 +28,7 @@ def measure(number: signal.Signals, out: Path, start_within_s: float = 120.0) ->
 
 
 def main() -> None:
+    """Stop a running demo with each signal; print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--repeats', type=int, default=3)
     options = parser.parse_args()

@@ -39,8 +39,8 @@ WEATHERS = ('ClearNoon', 'HardRainNight', 'FogNoon')
 
 
 def traffic(count: int, spacing_m: float = SPARSE_M) -> str:
-    """Register a straight three-lane road with `count` vehicles ahead of the ego, `spacing_m` from one to the one
-    in the next lane; returns its name."""
+    """Register a straight three-lane road with `count` vehicles ahead of the ego, each one lane to the side of and
+    `spacing_m` ahead of the one before; returns the name of the scenario."""
 
     def draw(rng) -> Scene:
         cars = tuple(TrafficSpec('forward', 20.0 + spacing_m * i, 6.0, lane=i % 3) for i in range(count))
@@ -63,11 +63,12 @@ def ms_per_step(env: DrivingEnv, scenario: str, weather: str = 'ClearNoon', seed
 
 
 def compared(cases: Sequence[tuple[Any, ...]]) -> list[float]:
-    """The best of `SAMPLES` episodes of each case; all take turns, so that other load on the machine hits all."""
+    """ms per step of each case, least of `SAMPLES` episodes; cases take turns, so that other load slows all of them."""
     return np.min([[ms_per_step(*case, seed=seed) for case in cases] for seed in range(SAMPLES)], axis=0).tolist()
 
 
 def with_cameras(count: int) -> DrivingEnv:
+    """An environment with the first `count` cameras of the rig and without BEV."""
     env = DrivingEnv(SimulationConfig(cameras=count > 0, bev=False))
     if count:
         env.rig = env.rig[:count]
@@ -76,6 +77,7 @@ def with_cameras(count: int) -> DrivingEnv:
 
 
 def table(title: str, columns: Sequence[object], rows: dict[str, list[str]]) -> None:
+    """Print a Markdown table; rows: name -> cells."""
     print(f'\n| {title} | ' + ' | '.join(str(column) for column in columns) + ' |')
     print('|---' * (len(columns) + 1) + '|')
     for name, cells in rows.items():
@@ -83,12 +85,13 @@ def table(title: str, columns: Sequence[object], rows: dict[str, list[str]]) -> 
 
 
 def with_slope(counts: Sequence[int], costs: list[float]) -> list[str]:
-    """Cells of a row: the costs, and what one more adds, by least squares."""
+    """Cells of a row: the costs, and the slope of a least-squares line (cost per vehicle or camera)."""
     slope = float(np.polyfit(counts, costs, 1)[0])
     return [f'{cost:.2f}' for cost in costs] + [f'{slope:.3f}']
 
 
 def main() -> None:
+    """Measure every case; print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--profile', action='store_true')
     options = parser.parse_args()

@@ -1,10 +1,10 @@
-"""One stage-1 step (world model and behaviour) as the teacher's recipe takes it, on random data, and what each lever is
-worth.
+"""One stage-1 step (world model and behaviour) as the teacher's recipe takes it, on random data, and how much each
+optimisation saves.
 
 Variants take turns, so that a busy machine slows all of them; least and median wall time, and the ratio of the least.
 
 python -m benchmarks.training_step [--recipe teacher] [--threads 2] [--samples 6]
-python -m benchmarks.training_step --collector      the step alone, while a collector drives on the same machine
+python -m benchmarks.training_step --collector      only the step as it is, while a collector drives on the same machine
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ WARM_S = 8.0
 
 
 def random_batch(trainer: PrivilegedTrainer) -> Batch:
+    """A batch of the trainer's sizes, masks in the memory layout of the replay buffer."""
     t, m = trainer.config.train, trainer.config.model
     b, length, channels = t.batch, t.length, len(m.mask_classes) * m.patch**2
     masks = (torch.rand(b, length, m.grid, m.grid, channels) < MASK_SHARE).float().permute(0, 1, 4, 2, 3)
@@ -55,16 +56,19 @@ def random_batch(trainer: PrivilegedTrainer) -> Batch:
 
 
 def plain_mask_loss(logits: torch.Tensor, masks: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+    """`losses.mask_loss` with the gradient left to autograd."""
     loss = torch.nn.functional.binary_cross_entropy_with_logits(logits, masks, reduction='none')
     return (loss * weights[:, None, None]).sum((1, 2, 3))
 
 
 def slow_log_probs(logits: torch.Tensor, unimix: float) -> torch.Tensor:
+    """`rssm.mixed_log_probs` with a softmax over the last axis."""
     return torch.log(torch.softmax(logits, -1) * (1.0 - unimix) + unimix / logits.shape[-1])
 
 
 @contextmanager
 def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
+    """Within the block, the attribute `name` of `owner` is `value`."""
     before = getattr(owner, name)
     setattr(owner, name, value)
     try:
@@ -74,6 +78,7 @@ def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
 
 
 def main() -> None:
+    """Take the steps of every variant in turns; print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--recipe', default='teacher')
     parser.add_argument('--threads', type=int, default=2)
@@ -130,7 +135,8 @@ def main() -> None:
 
 @contextmanager
 def collecting() -> Iterator[None]:
-    """One of the recipe's collectors: the shipped teacher, with the expert's advice, into a folder that goes."""
+    """Within the block, one of the recipe's collectors runs: the shipped teacher with the expert's advice, into a
+    temporary folder."""
     with tempfile.TemporaryDirectory(prefix='raw2drive_bench_') as folder:
         command = [
             sys.executable,
@@ -145,7 +151,7 @@ def collecting() -> Iterator[None]:
         command += ['--advice', '--advice-every', '8', '--no-cameras', '--ticks', '1000000', '--out', f'{folder}/bags']
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            # It imports, loads and builds first.
+            # It needs this long to start up.
             time.sleep(WARM_S)
             if process.poll() is not None:
                 raise SystemExit('the collector ended; what does `raw2drive collect --driver privileged` say?')
@@ -156,9 +162,9 @@ def collecting() -> Iterator[None]:
 
 
 def sampled(cases: dict[str, Callable[[], Any]], samples: int) -> dict[str, list[float]]:
-    """Milliseconds per step, case by case in turns; the first turn warms up."""
+    """case -> milliseconds per step of each sample; cases take turns, and the first turn, a warm-up, is not counted."""
     times: dict[str, list[float]] = {name: [] for name in cases}
-    # An even number of steps a sample: with `policy_every: 2` each holds one imagination.
+    # An even number of steps per sample: with `policy_every: 2`, each sample holds one imagination.
     for sample in range(samples + 1):
         for name, step in cases.items():
             started = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Random damage to what people hand in: bags, messages, YAML, bundles, routes. One clear error, nothing else."""
+"""Random damage to what users hand in: bags, messages, YAML, bundles, routes. Each gives one clear error at most."""
 
 import shutil
 
@@ -35,7 +35,7 @@ from raw2drive_ros.training.recipe import load_recipe
 
 FACTORY = RosbagsFactory()
 SLOW = settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
-# (where, what): a few bytes of a file become others.
+# (position as a share of the size, bytes): a few bytes of a file are overwritten.
 DAMAGE = st.lists(st.tuples(st.floats(0, 0.999), st.binary(min_size=1, max_size=40)), min_size=1, max_size=4)
 CUT = st.none() | st.floats(0.0, 0.99)
 
@@ -102,7 +102,7 @@ def test_a_message_with_random_values_is_read_or_refused(msgtype, damage) -> Non
     try:
         changed = FACTORY.deserialize(data, msgtype)
     except Exception:
-        # The middleware refuses it before anybody here sees it.
+        # The middleware rejects it before our code sees it.
         return
     try:
         READERS[msgtype](changed)

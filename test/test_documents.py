@@ -1,4 +1,4 @@
-"""What the documents around the code say of themselves: versions, and the index of decision records."""
+"""Documents beside the code: their versions agree, and the index of decision records is complete."""
 
 import re
 from pathlib import Path

@@ -30,7 +30,7 @@ def nodes(monkeypatch):
             function(None)
 
     class Value(Anything):
-        """What a launch argument is when the test performs it: the defaults of faults.launch.py."""
+        """A launch argument; evaluated, it gives the default of faults.launch.py."""
 
         def perform(self, context: object) -> str:
             return {'plans': 'matrix', 'plan': 'camera frozen'}[self.args[0]]

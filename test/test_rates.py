@@ -15,7 +15,7 @@ from raw2drive_ros.timing import load_timing
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ('raw2drive_ros', 'msg_adapters', 'examples', 'launch', 'benchmarks')
 RATE_NAME = re.compile(r'(?i)((^|_)(hz|substeps)|(^|_)(tick|decision|physics)_n?s)$')
-# Rates of one file's own: how often delayed messages are looked at, and how fast lamps and legs change in pictures.
+# Rates that one file alone uses: how often delayed messages are delivered, how fast lamps and legs change in images.
 OTHER_RATES = {'DELIVER_HZ', 'PHASE_HZ'}
 
 
@@ -27,7 +27,7 @@ def is_number(node: ast.expr | None) -> bool:
 
 
 def assignments(tree: ast.AST) -> Iterator[tuple[str, ast.expr | None]]:
-    """Names and what they are given: variables, fields, defaults of parameters, keyword arguments, dictionary keys."""
+    """(name, value) of variables, fields, defaults of parameters, keyword arguments, dictionary entries."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Assign):
             for target in node.targets:

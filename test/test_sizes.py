@@ -1,4 +1,4 @@
-"""Files and functions stay small enough to read at one sitting."""
+"""Files and functions stay small enough to read in one sitting."""
 
 import ast
 from pathlib import Path

@@ -139,7 +139,7 @@ def _print_info(info: dict[str, Any]) -> None:
     )
     for key, value in info['provenance'].items():
         console.print(f'  {key}: {value}', highlight=False)
-    # Names are what people look for: they are never cut, and types stand beside them where there is room.
+    # Topic names are folded and never truncated; types are shown where there is room.
     wide = console.width >= WIDE
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column('topic', overflow='fold')

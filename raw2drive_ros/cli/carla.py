@@ -56,6 +56,6 @@ def run(options: argparse.Namespace) -> int:
         'image_transport': options.image_transport,
         'lock_step': not options.real_time,
     }
-    # It removes its actors one by one, and the server may take --timeout for the tick that it is in.
+    # The bridge removes its actors one by one, and the server may take --timeout to finish its current tick.
     grace_s = options.timeout + 10.0
     return run_single({'carla_bridge': parameters}, options.domain, sim_time=False, end_within_s=grace_s)

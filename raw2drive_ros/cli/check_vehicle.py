@@ -1,4 +1,4 @@
-"""raw2drive check-vehicle: does whatever is in the graph keep the vehicle's side of the contract?"""
+"""raw2drive check-vehicle: does the vehicle in the graph keep its side of the contract?"""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-# The probe brakes until the car stands before it ends.
+# Before it ends, the probe brakes until the car stands.
 BRAKE_WITHIN_S = 8.0
 
 EXAMPLES = """examples:

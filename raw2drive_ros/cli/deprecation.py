@@ -1,4 +1,4 @@
-"""Old spellings of the command line: they work for one more release, and say what to write instead."""
+"""Old spellings of the command line: they work for one more release and warn with the new spelling."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import sys
 
 
 def warn_old(old: str, new: str) -> None:
-    """One line on stderr."""
+    """Print one line on stderr."""
     print(f'warning: {old} is an old spelling and goes with version 0.4; write: {new}', file=sys.stderr)

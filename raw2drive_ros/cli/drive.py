@@ -49,5 +49,5 @@ def run(options: argparse.Namespace) -> int:
             'monitor': str(options.monitor.resolve()) if options.monitor else '',
         },
     }
-    # When the planner dies, the gate first stops the car; it ends by itself when it is asked to, and stops it then too.
+    # The gate stops the car before it ends, both when the planner dies and when it is asked to end.
     return run_single(nodes, options.domain, sim_time=simulated, end_within_s=10.0, survivor='safety_gate')

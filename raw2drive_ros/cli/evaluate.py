@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
     suite, version, routes = chosen_routes(options)
     bundle = options.bundle or default_bundle()
     spec = DriverSpec(options.driver, bundle, options.training_run, options.threads, options.blind, options.table)
-    # Before any process starts or any file is written: can this driver be built at all?
+    # A driver that cannot be built raises here, before any process starts or any file is written.
     spec.build()
     filmstrips = filmstrips_of(options.out) if options.out else None
     observe = FilmstripRecorder if filmstrips else None

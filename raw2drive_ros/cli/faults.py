@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'faults run: give a plan of {options.plans}: {", ".join(plans)}')
     from raw2drive_ros.graph.foreground import run_single
 
-    print('start those who are to suffer with:')
+    print('start the nodes that are to receive the faulty messages with:')
     for name in touched_topics(plans[options.plan]):
         print(f'    --ros-args -r {name}:={behind_injector(name)}')
     parameters = {'plans': options.plans, 'plan': options.plan, 'seed': options.seed}

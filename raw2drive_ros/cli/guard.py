@@ -16,7 +16,7 @@ class Terminated(BaseException):
 
 
 def _on_sigterm(number: int, frame: FrameType | None) -> None:
-    # One is enough: a second one would cut off the end of what the first one began.
+    # A second signal would interrupt the shutdown that the first one began: ignore it.
     for name in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(name, signal.SIG_IGN)
     raise Terminated
@@ -25,10 +25,10 @@ def _on_sigterm(number: int, frame: FrameType | None) -> None:
 def guarded(run: Callable[[argparse.Namespace], int], options: argparse.Namespace) -> int:
     """Run a verb; returns its exit code."""
     signal.signal(signal.SIGTERM, _on_sigterm)
-    # Scripts start background jobs with SIGINT ignored; a gate that is asked to end has a car to stop.
+    # Shell scripts start background jobs with SIGINT ignored, but a gate must hear it, because it has a car to stop.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    # nohup ignores it, and that is to stay so.
+    # Under nohup, SIGHUP is ignored and has to stay ignored.
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, _on_sigterm)
     try:

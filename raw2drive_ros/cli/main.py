@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from raw2drive_ros import __version__
 
-# group: verb: (module, one line of help). A verb of two words is a part of the verb that its first word names.
+# group: verb: (module, one line of help). A verb of two words is a subcommand of the verb that its first word names.
 GROUPS = {
     'Start': {
         'demo': ('demo', 'drive three routes through the whole ROS graph and make a report'),
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = _joined(list(sys.argv[1:] if arguments is None else arguments))
     chosen = next((a for a in given if not a.startswith('-')), None)
     for verb, (module, help_line) in VERBS.items():
-        # Without `help`, or argparse would list them once more.
+        # No `help` here, or argparse would list the verbs a second time.
         sub = verbs.add_parser(verb, description=help_line, formatter_class=argparse.RawDescriptionHelpFormatter)
         if verb == chosen:
             loaded = importlib.import_module(f'raw2drive_ros.cli.{module}')

@@ -1,4 +1,4 @@
-"""Which routes a verb drives: `--routes` and `--seeds`, or `--suite`."""
+"""Options that choose the routes of a verb: `--routes` and `--seeds`, or `--suite`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 
 def add_route_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that `chosen_routes` reads."""
     parser.add_argument('--routes', default='lane-following', help='scenario types, abilities, or all')
     parser.add_argument('--suite', help='a versioned list of routes instead of --routes, see raw2drive suite list')
     parser.add_argument('--ability', help='of the suite, only the types that count for this ability')

@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
         'image_height': height,
         'image_width': width,
         'image_transport': options.image_transport,
-        # A vehicle's sensors do not wait for anybody; lock-step does.
+        # In real time, sensors publish with or without subscribers, as a vehicle's do; lock-step waits for them.
         'wait_for_sensor_subscribers': int(not options.real_time),
     }
     return run_single({'bridge': parameters}, options.domain, sim_time=False)

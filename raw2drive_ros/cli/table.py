@@ -1,4 +1,4 @@
-"""Results as a table for people."""
+"""Results and events as tables in the terminal."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def print_results(result: dict[str, Any]) -> None:
 
 
 def print_events(events: Sequence[Event]) -> None:
-    """One line per event; what nodes say is shown as it is, without markup."""
+    """One line per event; the text of nodes is printed literally, without markup."""
     from rich.console import Console
     from rich.text import Text
 

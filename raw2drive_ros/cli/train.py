@@ -59,8 +59,9 @@ def run(options: argparse.Namespace) -> int:
 
     # Before torch allocates anything: huge pages halve the cost of large elementwise kernels.
     os.environ.setdefault('THP_MEM_ALLOC_ENABLE', '1')
-    # Threads that spin for long while they wait stop each other when anything else runs: ten times slower beside a
-    # collector. Threads that sleep at once cost a third of the speed. So: spin for some tens of microseconds.
+    # Waiting threads that spin for long take the cores from the working ones as soon as anything else runs: ten times
+    # slower beside a collector. Waiting threads that sleep at once cost a third of the speed. So they spin for some
+    # tens of microseconds and then sleep.
     os.environ.setdefault('OMP_WAIT_POLICY', 'PASSIVE')
     os.environ.setdefault('GOMP_SPINCOUNT', '30000')
     from raw2drive_ros.errors import UsageError

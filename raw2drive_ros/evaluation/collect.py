@@ -22,18 +22,18 @@ from raw2drive_ros.simulation.weather import CLEAR
 
 # Collection seeds start here, so that no collected route is an evaluation route (seeds 0 ... 9,999).
 TRAIN_SEED_START = 100_000
-# Route seeds that one collection has to itself.
+# Number of route seeds reserved for each collection.
 SEEDS_PER_COLLECTION = 10_000
 STANDING_MPS = 0.1
-# Keep the generators that order types and weathers apart.
+# Scenario types and weathers are drawn from separate generators, seeded with these.
 TYPE_STREAM, WEATHER_STREAM = 1, 2
 
 
 @dataclass(frozen=True, slots=True)
 class CollectConfig:
-    """ticks: decision ticks to write. episode_ticks: an episode is cut after so many, and after `stand_ticks` (0:
-    never) without motion, because a driver that is stuck fills bags with one frame. image_size: (H, W).
-    scenarios, weathers: one of each per episode, see `episode_route`; what is named twice is drawn twice as often.
+    """ticks: decision ticks to write in all. episode_ticks: an episode is cut after this many. stand_ticks: and after
+    this many without motion (0: never), because a driver that is stuck fills bags with one frame. image_size: (H, W).
+    scenarios, weathers: one of each per episode, see `episode_route`; an entry listed twice is drawn twice as often.
     seed: of the collection, 0 or more (ValueError). vary: see `SimulationConfig`."""
 
     scenarios: tuple[str, ...]
@@ -56,8 +56,8 @@ class CollectConfig:
 def episode_route(config: CollectConfig, number: int) -> RouteId:
     """The route of episode `number` (from 0 on) of a collection; depends on nothing else that was driven.
 
-    Scenario types and weathers are two independent sequences: each is one random permutation of its list after
-    another, so that every entry occurs equally often and neither decides on the other.
+    Scenario types and weathers are two independent sequences. Each concatenates random permutations of its list, so
+    that every entry occurs equally often and the weather does not depend on the type.
     """
     return RouteId(
         _permuted(config.scenarios, config.seed, TYPE_STREAM, number),
@@ -67,7 +67,7 @@ def episode_route(config: CollectConfig, number: int) -> RouteId:
 
 
 def _permuted(names: Sequence[str], seed: int, stream: int, number: int) -> str:
-    """Entry `number` of an endless sequence of permutations of `names`."""
+    """Entry `number` of an endless concatenation of random permutations of `names`."""
     turn, place = divmod(number, len(names))
     order = np.random.default_rng([seed, stream, turn]).permutation(len(names))
     return names[int(order[place])]
@@ -79,7 +79,7 @@ def collect(
     driver: EpisodeDriver,
     provenance: dict[str, str],
 ) -> Iterator[tuple[int, Path]]:
-    """Write bags into `folder`; yields (ticks so far, bag) after each tick batch of an episode."""
+    """Write bags into `folder`; yields (ticks written so far, path of the bag) after each episode."""
     simulation = SimulationConfig(config.image_size, cameras=config.cameras, vary=config.vary)
     env = DrivingEnv(simulation)
     messages = TickMessages(RosbagsFactory(), env.rig)

@@ -1,8 +1,8 @@
-"""Comfort of a drive: the share of 2 s segments that keep six limits (Bench2Drive's, spec 4.5).
+"""Comfort of a drive: the share of segments of 20 samples (1 s at 20 Hz) that keep six limits, which are Bench2Drive's.
 
 Bench2Drive's tool has mistakes that lower every score, which `bench2drive_compat=True` reproduces: derivatives with a
-step of 0.1 s on 20 Hz data, "yaw acceleration" that is the smoothed yaw rate, and yaw rates in deg/s held against
-limits in rad/s.
+step of 0.1 s on 20 Hz data, the smoothed yaw rate in place of the yaw acceleration, and yaw rates in deg/s compared
+with limits in rad/s.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which driver, with which weights and options: small enough to send to a worker process that builds it."""
+"""A driver as name, weights and options, which is sent to worker processes; each builds the driver from it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class DriverSpec:
         return BlindfoldedDriver(driver) if self.blind else driver
 
     def identity(self) -> str:
-        """Tells results of different drivers apart: by their weights, not by where those lie."""
+        """Text that identifies the driver in results: its name, a hash of its weights (not their path), its options."""
         # Late imports: only drivers with weights need torch.
         weights = ''
         if self.name == 'raw' and self.bundle is not None:

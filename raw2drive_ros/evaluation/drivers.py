@@ -1,6 +1,6 @@
-"""Every driver by name: the one registry that builds drivers, lists their names and explains them.
+"""The registry of drivers: builds them by name, lists their names, describes each in one line.
 
-Nothing heavy is imported before a driver is built, so that the command line and the bridge may ask for names.
+Nothing heavy is imported before a driver is built, so that the command line and the bridge can list names quickly.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class DriverOptions:
 
 @dataclass(frozen=True, slots=True)
 class DriverEntry:
-    """about: a line for people. learned: has weights. table: its commands are actions of the policy's table already."""
+    """about: one line for people. learned: has weights. table: its commands are actions of the policy's table."""
 
     make: Callable[[DriverOptions], EpisodeDriver]
     about: str

@@ -26,8 +26,8 @@ OnTick = Callable[[Tick, Decision], None]
 
 @dataclass(slots=True)
 class Drive:
-    """What one drive left behind. controls: every command, in order. tick_ms: wall time per tick.
-    terms: the reward's terms, tick by tick."""
+    """The record of one drive. controls: every command, in order. terms: the terms of the reward, per tick.
+    tick_ms: wall time per tick; decide_ms: that of the driver's decision alone."""
 
     result: RouteResult
     controls: list[Control] = field(default_factory=list)
@@ -56,12 +56,12 @@ def result_of(env: DrivingEnv, *, bench2drive_compat: bool = False) -> RouteResu
 
 
 def driver_seed(route: RouteId) -> int:
-    """What a driver that draws random numbers starts from."""
+    """Seed of a driver's own random numbers on this route and repetition."""
     return route.seed + 1_000_000 * route.repetition
 
 
 def as_received(factory: MessageFactory, tick: Tick) -> SensorFrame:
-    """The tick's frame as a subscriber gets it: yaw travels as a quaternion, which costs its last bits."""
+    """The tick's frame as a subscriber gets it: yaw is sent as a quaternion, which changes its last bits."""
     odometry = odometry_from_message(odometry_to_message(factory, tick.sensors.odometry))
     return dataclasses.replace(tick.sensors, odometry=odometry)
 
@@ -77,7 +77,7 @@ def drive_route(
 ) -> Drive:
     """Drive a route to its end, or for `max_ticks`."""
     factory = RosbagsFactory()
-    # As the gate's node in lock-step: silence by ROS time, limits and stops of the shipped files.
+    # Configured as the gate node in lock-step: silence is measured in ROS time, limits and stops are the shipped ones.
     config = load_gate_config()
     gate = Gate(config.gate_limits(load_timing()), config.motion_limits(), steady=False)
     driver.reset(driver_seed(route))

@@ -1,4 +1,4 @@
-"""What drives an episode in process, and the drivers that need nothing of the simulation but its sensors."""
+"""The interface of drivers of in-process episodes, and the drivers that use only the simulated sensors."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class EpisodeDriver(Protocol):
 
 
 class SensorDriver:
-    """A `driving.Driver`: exactly what the planner node runs."""
+    """Wraps a `driving.driver.Driver`, which is exactly what the planner node runs."""
 
     needs_bev = False
 

@@ -1,4 +1,5 @@
-"""Many drives, one summary; per-route lines are on disk before the next drive starts, and are not driven twice."""
+"""Drives many routes and summarises them. The row of a route is on disk before the next drive starts; a resumed
+evaluation does not drive it again."""
 
 from __future__ import annotations
 
@@ -35,8 +36,8 @@ class Observer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """How routes are driven. bench2drive_compat: score as Bench2Drive's tools do. observe, filmstrips: what watches
-    drives, and the folder for what it saved of the failed ones."""
+    """How routes are driven. bench2drive_compat: score as Bench2Drive's tools do. observe: makes the observer of a
+    process. filmstrips: folder for what the observer saves of failed drives."""
 
     image_size: tuple[int, int] = (96, 160)
     bench2drive_compat: bool = False
@@ -58,7 +59,7 @@ class RouteRunner:
         self.observer = conditions.observe() if conditions.observe is not None else None
 
     def drive(self, route: RouteId) -> tuple[RouteResult, list[float]]:
-        """A drive that raises becomes a failed route: the others still count."""
+        """(row, wall time of each tick in ms). A drive that raises becomes a failed route: the others still count."""
         observer = self.observer
 
         def on_tick(tick: Tick, decision: Decision) -> None:
@@ -84,7 +85,8 @@ def _make_runner(spec: DriverSpec, conditions: Conditions) -> RouteRunner:
 
     cv2.setNumThreads(1)
     driver = spec.build()
-    # Drivers without a model do without torch. Several threads on one small state only wait for each other.
+    # Drivers without a model do not import torch. On tensors as small as one state, more threads only wait for each
+    # other.
     if torch := sys.modules.get('torch'):
         torch.set_num_threads(spec.threads)
     return RouteRunner(driver, conditions)
@@ -110,10 +112,10 @@ def evaluate(
     on_route: OnRoute = lambda done, result: None,
     workers: int = 1,
 ) -> dict[str, Any]:
-    """Drive all routes; the result's form for machines.
+    """Drive all routes; returns what `summarise` returns.
 
-    lines: a file of results. Its first record says that nothing is finished yet; routes that it holds already are
-    not driven again. Raises ResultsError as `RowsFile` does.
+    lines: a results file. Its header record says that nothing is finished yet; routes that have a row in it are not
+    driven again. Raises ResultsError as `RowsFile` does.
     """
     conditions = conditions or Conditions()
     compat = conditions.bench2drive_compat
@@ -135,6 +137,7 @@ def _driven(
         for route in jobs:
             yield runner.drive(route)
         return
-    # Spawned, not forked: torch's threads do not survive a fork. In order, so that files do not depend on workers.
+    # Spawned, not forked: torch's threads do not survive a fork. `imap` keeps the order of the routes, so that the file
+    # does not depend on the number of workers.
     with multiprocessing.get_context('spawn').Pool(workers, _start_worker, (spec, conditions)) as pool:
         yield from pool.imap(_work, jobs)

@@ -1,4 +1,4 @@
-"""The raw policy under every plan of faults: what stopped the car, how fast, and what it cost."""
+"""The raw policy under every fault plan: what stopped the car, how quickly, and at what cost in score."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class FaultMatrix:
-    """plans: name or YAML file of plans. lines: a JSON line per drive goes here at the end."""
+    """plans: name or path of a YAML file of plans. lines: file that is written at the end, one JSON line per drive."""
 
     plans: str
     bundle: Path
@@ -47,13 +47,13 @@ class FaultMatrix:
     lines: Path | None = None
 
     def jobs(self, routes: list[RouteId]) -> list[Job]:
-        """Every route without and with every plan. Raises ConfigError."""
+        """Every route without faults and under every plan. Raises ConfigError."""
         file = load_plans(self.plans)
         plans = {NO_FAULT: []} | file.plans
         return [Job(name, faults, file.seed, route) for name, faults in plans.items() for route in routes]
 
     def drive(self, jobs: list[Job], on_drive: Callable[[int, str], None]) -> list[Row]:
-        """One summary per plan, in the order of the plans; on_drive: drives done, and the plan of the last one.
+        """One summary per plan, in the order of the plans. on_drive: gets the number of drives done and the last plan.
 
         Raises BundleError before any process starts.
         """
@@ -73,7 +73,10 @@ class FaultMatrix:
 
 
 def summary(plan: str, rows: list[Row]) -> Row:
-    """reaction_s, standing_s: from the beginning of the fault until gate or vehicle stopped the car, until it stood."""
+    """Statistics of the drives under one plan.
+
+    reaction_s, standing_s: seconds from the beginning of the fault until gate or vehicle began to stop the car, and
+    until the car stood."""
     stops = [row['reaction_s'] for row in rows if row['reaction_s'] is not None]
     stands = [row['standing_s'] for row in rows if row['standing_s'] is not None]
     return {

@@ -1,7 +1,7 @@
-"""A closed-loop drive of the raw policy in which messages get lost, late, frozen or false on their way.
+"""A closed-loop drive of the raw policy in which messages are lost, delayed, frozen or corrupted on their way.
 
 Every message is serialised, goes through the injector, and reaches the same planner and gate that the ROS nodes run.
-Time is lock-step: what is due within a tick arrives before that tick's decision.
+Time runs in lock-step: messages that are due by a tick are delivered before that tick's decision.
 """
 
 from __future__ import annotations
@@ -38,10 +38,11 @@ OnTick = Callable[[Tick, Gate], None]
 
 @dataclass(slots=True)
 class FaultyDrive:
-    """What a drive under faults left behind.
+    """The record of a drive under faults.
 
-    stop_s: when gate or vehicle stopped the car, since the drive's start; None: never. stand_s: when it then stood.
-    reason: why. causes: everything the planner's monitor found, in order of appearance. counts: messages touched.
+    stop_s: when gate or vehicle began to stop the car, in seconds since the drive's start; None: never. stop_state: the
+    gate's last state in that stop, or 'vehicle'. stand_s: when the car then stood. reason: why it was stopped. causes:
+    everything that the planner's monitor found, in order of appearance. counts: messages touched by the injector.
     """
 
     result: RouteResult
@@ -104,7 +105,7 @@ def drive_with_faults(
 
 
 class _Stack:
-    """Planner, gate and the vehicle's end of the wire, as the nodes have them."""
+    """Planner, gate and the vehicle's command policy, connected as in the ROS graph."""
 
     def __init__(self, env: DrivingEnv, planner: RawPlanner, injector: Injector) -> None:
         factory, timing, config = RosbagsFactory(), load_timing(), load_gate_config()
@@ -121,7 +122,7 @@ class _Stack:
             self.wire.send(topic, message, now_ns)
 
     def drive(self, tick: Tick, *, with_route: bool) -> Control:
-        """What the vehicle does in this tick."""
+        """Deliver the messages of this tick; returns the command that the vehicle carries out."""
         now_ns = tick.stamp_ns
         now = Moment(time.monotonic(), now_ns * 1e-9)
         sources = [self.messages.motion(tick), self.messages.cameras(tick)]
@@ -146,7 +147,7 @@ class _Stack:
         return self._obey(now_ns)
 
     def _answer(self, topic: str, message: Any, now: Moment) -> None:
-        """A message between planner, gate and vehicle."""
+        """Deliver a proposal to the gate, or a command to the vehicle."""
         if topic == topics.PROPOSED:
             self._send(topics.COMMAND, gate_inputs.proposal(self.gate, message, now), self.now_ns)
         elif topic == topics.COMMAND:
@@ -156,10 +157,10 @@ class _Stack:
         try:
             decision = decision_from_message(message)
             if decision.stamp_ns == now_ns:
-                # Lock-step: what answers another tick is no answer.
+                # Lock-step: a command with another tick's stamp is ignored.
                 self.vehicle.accept(decision.control.validate(), now_ns)
         except ContractError:
-            # The bridge refuses it too, and goes on with the last good one for its hold time.
+            # As in the bridge: an invalid command is dropped, and the last valid one is held for the hold time.
             return
 
     def _obey(self, now_ns: int) -> Control:

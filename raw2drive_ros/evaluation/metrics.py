@@ -1,4 +1,4 @@
-"""Scores of one drive, after Bench2Drive (spec 4.1 to 4.4); reimplemented from the formulas."""
+"""Scores of one drive, as Bench2Drive defines them; reimplemented from the formulas."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def infraction_score(events: dict[str, int], outside_percent: float) -> float:
 
 def efficiency_percent(percents: Sequence[float], *, bench2drive_compat: bool = False) -> float | None:
     """Mean of a route's speed checkpoints, values above 1000 % left out. Without traffic to compare with it is
-    undefined; Bench2Drive says 100 % then (`bench2drive_compat`)."""
+    undefined (None); Bench2Drive then counts 100 % (`bench2drive_compat`)."""
     kept = [percent for percent in percents if percent <= EFFICIENCY_LIMIT_PERCENT]
     if not kept:
         return NO_TRAFFIC_COMPAT_PERCENT if bench2drive_compat else None
@@ -83,7 +83,7 @@ def score_route(
     efficiency: float | None = None,
     comfort: float | None = None,
 ) -> RouteResult:
-    """Success: the whole route, no infraction, no failure."""
+    """The row of one drive, rounded as it is stored. Success: the whole route, no infraction, no failure."""
     score = infraction_score(events, outside_percent)
     infractions = dict(events)
     if failure:
@@ -111,7 +111,7 @@ def score_route(
 
 
 def failed_route(route: RouteId, reason: str) -> RouteResult:
-    """A route whose drive could not be carried through: zero, with the reason."""
+    """The row of a drive that raised an error: score zero, with the reason."""
     return score_route(route, 0.0, {}, f'error: {reason}', 0.0)
 
 

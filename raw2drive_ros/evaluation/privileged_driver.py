@@ -15,13 +15,13 @@ from raw2drive_ros.world_model.distributions import sample_classes
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.teacher import load_teacher
 
-# With noise: the share of episodes that have it, and the longest burst of one random action plus one.
+# With noise: the share of episodes that have it; bursts of one random action last less than BURST_TICKS.
 NOISY_EPISODES, BURST_TICKS = 0.75, 8
 
 
 class PrivilegedDriver:
     """run: whatever `load_teacher` takes. noise: chance per tick of a burst of one random action, in `NOISY_EPISODES`
-    of the episodes; between bursts these sample their actions instead of taking the mode."""
+    of the episodes; between bursts, these episodes sample the policy's actions instead of taking the mode."""
 
     needs_cameras, needs_bev = False, True
 

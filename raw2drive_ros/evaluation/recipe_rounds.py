@@ -1,4 +1,4 @@
-"""Runs a training recipe: collect, train, validate, round by round; called again it goes on where it stopped."""
+"""Runs a training recipe: collect, train, validate, round by round; called again, it resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DONE = 'collected.json'
 
 @dataclass(slots=True)
 class Job:
-    """One verb in a process of its own, its output in a file."""
+    """A verb of `raw2drive` in a process of its own; its output goes to the file `log`."""
 
     arguments: list[str]
     log: Path
@@ -41,12 +41,12 @@ class Job:
 
     @property
     def done(self) -> int:
-        """How much of its work its last line of progress reports."""
+        """Units of work done, according to its last line of progress."""
         found = re.findall(rb': (\d+)/\d+ ', self.log.read_bytes()[-2000:])
         return int(found[-1]) if found else 0
 
     def finish(self) -> None:
-        """Raises CheckpointError with the last lines of its output when it failed."""
+        """Wait for it. Raises CheckpointError with the last lines of its output when it failed."""
         if self.process.wait() != 0:
             tail = self.log.read_text(errors='replace').strip().splitlines()[-3:]
             raise CheckpointError(f'raw2drive {self.arguments[0]} failed ({self.log}): {" | ".join(tail)}')
@@ -93,7 +93,7 @@ def _collect(recipe: Recipe, index: int, run: Path, seed: int, workers: int, tit
     for number, collection in enumerate(recipe.rounds[index].collect):
         target = run / 'bags' / f'{index:02d}_{number}_{collection.driver}'
         if not (target / DONE).is_file():
-            # What a killed collector left is not whole; the same seed drives the same routes again.
+            # A collector that was killed left an incomplete folder; with the same seed it drives the same routes again.
             shutil.rmtree(target, ignore_errors=True)
             waiting.append((collection, number, target))
     while waiting:
@@ -150,7 +150,7 @@ def failures_by_type(run: Path, index: int) -> dict[str, float]:
     files = [run / 'validation' / f'round_{number:02d}.jsonl' for number in (index - 1, index)]
     driven: dict[str, list[bool]] = {}
     for file in files:
-        # A validation that was killed at its very beginning has not written its header.
+        # A validation that was killed right after its start has not written its header.
         if file.is_file() and file.stat().st_size:
             for row in read_results(file).rows:
                 driven.setdefault(row['type'], []).append(row['success'])

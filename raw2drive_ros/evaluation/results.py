@@ -66,6 +66,7 @@ class Results(NamedTuple):
 
 
 def id_of(row: Row) -> RouteId:
+    """The route that a row is of. Raises RouteIdError."""
     return RouteId.parse(row['id'])
 
 

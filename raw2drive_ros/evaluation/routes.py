@@ -1,4 +1,4 @@
-"""Which routes an evaluation drives: by name."""
+"""The routes that a name on the command line stands for."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from raw2drive_ros.simulation.route_id import NUMBER, RouteId
 from raw2drive_ros.simulation.scenario import load_scenarios
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 
-# Of routes that are named on the command line; suites carry their own.
+# Version of routes that are named on the command line; suites carry their own.
 SUITE_VERSION = '2'
 
 
@@ -36,9 +36,9 @@ def routes_of(name: str, seeds: int, first_seed: int = 0, weather: str = CLEAR) 
 
 
 def weighted_types(name: str) -> tuple[str, ...]:
-    """Scenario types for a collector: the words of `routes_of`; with `WORD*3` a type is there three times.
+    """Scenario types for a collector, named as for `routes_of`; `NAME*3` lists each type of NAME three times.
 
-    The order means nothing: the collector permutes it (`collect.episode_route`). Raises UnknownScenarioError.
+    The order does not matter: the collector permutes it (`collect.episode_route`). Raises UnknownScenarioError.
     """
     chosen: list[str] = []
     for part in name.split(','):

@@ -1,4 +1,4 @@
-"""Does a graph that runs for hours stay as it is? Samples of its processes, and a verdict per quantity."""
+"""Does a graph that runs for hours leak? Samples of the resources of its processes, and a verdict per quantity."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from raw2drive_ros.errors import SoakError
 
-# Memory grows while every scenario type is driven for the first time; after this much simulated time it must not.
+# Memory grows while every scenario type is driven for the first time; after this much simulated time it may not.
 WARM_UP_H = 1.0
 MAX_POINTS = 400
 MEMORY_MIB_PER_H, LOG_MIB_PER_H = 1.0, 1.0
@@ -22,7 +22,7 @@ MEMORY_MIB_PER_H, LOG_MIB_PER_H = 1.0, 1.0
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """part: number of the graph's start, all processes are new in each. values: 'process/quantity' -> number."""
+    """part: counts the starts of the graph; all processes are new in each. values: 'process/quantity' -> number."""
 
     part: int
     simulated_s: float
@@ -33,7 +33,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """A quantity of one part after warm-up. per_hour: Theil-Sen slope by simulated time. steady: within `allowed`."""
+    """A quantity of one part after warm-up. per_hour: Theil-Sen slope over simulated time. steady: within `allowed`."""
 
     part: int
     name: str
@@ -60,7 +60,7 @@ def theil_sen(x: Sequence[float], y: Sequence[float]) -> float:
 
 
 def trends(samples: Iterable[Sample], warm_up_h: float = WARM_UP_H) -> list[Trend]:
-    """One per part and quantity; parts that ended before they were warm twice over have none.
+    """One trend per part and quantity; parts that lasted less than twice the warm-up have none.
 
     Handles, threads and shared-memory segments may not grow at all; memory and logs by MEMORY_MIB_PER_H, LOG_MIB_PER_H.
     """
@@ -72,7 +72,7 @@ def trends(samples: Iterable[Sample], warm_up_h: float = WARM_UP_H) -> list[Tren
         if not rows or rows[-1].simulated_s < 2.0 * warm_up_h * 3600.0:
             continue
         for name in rows[0].values:
-            # A process that is just ending leaves its quantities out of the last sample.
+            # The last sample lacks the quantities of a process that was just ending.
             hours, values = zip(*((row.simulated_s / 3600.0, row.values[name]) for row in rows if name in row.values))
             quarter = max(1, len(values) // 4)
             first, last = statistics.median(values[:quarter]), statistics.median(values[-quarter:])
@@ -117,7 +117,7 @@ def read_samples(path: Path) -> list[Sample]:
 
 
 def append_sample(path: Path, sample: Sample) -> None:
-    """One JSON line."""
+    """Append it as one JSON line."""
     with path.open('a') as file:
         file.write(json.dumps(asdict(sample)) + '\n')
 
@@ -130,4 +130,5 @@ def drop_half_line(path: Path) -> None:
 
 
 def to_json(trend: Trend) -> dict[str, Any]:
+    """Its fields, and the verdict `steady`."""
     return asdict(trend) | {'steady': trend.steady}

@@ -1,7 +1,7 @@
-"""What files of results say: means over routes, two drivers on the same routes, and which routes are flaky.
+"""Statistics of results files: means over routes, two drivers compared on the same routes, flaky routes.
 
 The unit of every interval is the ROUTE (type, seed): repetitions of one route are not independent, so they are
-averaged first. A route that was wanted and has no row counts as zero.
+averaged first. A wanted route without a row counts as zero.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import load_scenarios
 
 Unit = tuple[str, int]
-# (name in results, unit of one drive's value); undefined values of the last two are left out, not zero.
+# Score -> its value for one drive, in percent. The scores named in `OPTIONAL` are apart: undefined values of those are
+# left out and do not count as zero.
 SCORES: dict[str, Callable[[Row], float]] = {
     'driving_score': lambda row: row['driving_score'],
     'success_rate': lambda row: 100.0 * row['success'],
@@ -117,10 +118,10 @@ def infractions(results: Results) -> dict[str, int]:
 
 
 def compare(a: Results, b: Results) -> dict[str, Any]:
-    """Is A better than B on the routes that both were to drive? Per score: the paired difference A - B as an
+    """Is A better than B on the routes that both should drive? Per score: the paired difference A - B as an
     estimate, the p-value of a sign-flip permutation test, and a verdict yes, no or undecided.
 
-    Raises ResultsError when suite or version differ, or no route is common.
+    Raises ResultsError when suite or version differ, or when there is no common route.
     """
     for name in ('suite', 'version'):
         if a.header[name] != b.header[name]:
@@ -167,7 +168,7 @@ def summarise(
     rows: Sequence[RouteResult],
     timing: dict[str, Any],
 ) -> dict[str, Any]:
-    """The one form of results for machines. Routes without a row count as zero and are listed under `missing`."""
+    """Results as one dictionary for JSON. Routes without a row count as zero and are listed under `missing`."""
     header = {'driver': driver, 'suite': suite, 'version': version}
     results = Results(header | {'routes': [str(route) for route in routes]}, [row.to_json() for row in rows])
     return {
@@ -182,7 +183,7 @@ def summarise(
 
 
 def timing_of(tick_ms: list[float], lost: int = 0) -> dict[str, Any]:
-    """p50 and p99 of the tick time, and the rate that it allows."""
+    """p50 and p99 of the tick times (ms), and the ticks per second that their mean allows."""
     if not tick_ms:
         return {'tick_ms': {'p50': None, 'p99': None}, 'ticks_per_s': None, 'messages_lost': lost}
     p50, p99 = np.percentile(tick_ms, [50, 99])

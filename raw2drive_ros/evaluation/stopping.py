@@ -23,8 +23,9 @@ DT_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class Stopping:
-    """detection_s: from the last proposal until the gate calls it silence. reaction_s: until the command that brakes is
-    out (a period of the gate). settle_s: from there to a standing car. distance_m: from the last proposal on.
+    """detection_s: from the last proposal until the gate detects the silence. reaction_s: from there until the braking
+    command is published (a period of the gate). settle_s: from there until the car stands. distance_m: driven since
+    the last proposal.
     """
 
     speed_mps: float
@@ -39,7 +40,7 @@ class Stopping:
 
 
 def computed(speed_mps: float) -> Stopping:
-    """What `params/timing.yaml` and `params/gate.yaml` add up to: comfortable braking first, hard after longer silence.
+    """The stop that `params/timing.yaml` and `params/gate.yaml` specify: comfortable braking, then emergency braking.
 
     The car coasts until the gate brakes; drag is left out, so that a real stop is shorter.
     """
@@ -59,7 +60,7 @@ def computed(speed_mps: float) -> Stopping:
 
 
 def measured(bundle: Path, after_s: float = 3.0) -> Stopping:
-    """Drive the policy, lose every proposal from `after_s` on, and look at the car; in lock-step, so in whole ticks."""
+    """Drive the policy, drop every proposal from `after_s` on, measure the stop; in lock-step, so in whole ticks."""
     planner = RawPlanner(load_bundle(bundle), load_monitor_config().limits(load_timing()))
     env = DrivingEnv(SimulationConfig(bev=False, end_on_infraction=False))
     fault = Fault(topic=topics.PROPOSED, kind='drop', start_s=after_s)

@@ -1,8 +1,8 @@
-"""A continuous driver made to speak the policy's 39 actions, so that what it did can be learnt from its bags.
+"""Turns a continuous driver's commands into the policy's 39 discrete actions, so that a policy can imitate its bags.
 
-The table brakes fully or not at all and steers in steps. Each command becomes the action that comes closest now, and
-nothing is owed to the next tick: the action is a function of what the driver wants in the state that it is in, which a
-policy can learn, and the state itself asks for the rest a tick later.
+The table brakes fully or not at all and steers in steps. Each command becomes the closest action, and the rounding
+error is not carried over to the next tick. The action then depends on the current state alone, which a policy can
+learn, and the driver corrects the error a tick later because it sees the resulting state.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from raw2drive_ros.evaluation.world_drivers import expert_driver
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
 
-# Actions that drive forward or roll; braking is decided on before.
+# Actions that drive forward or roll; `table_action` decides on braking first.
 ROLLING = [i for i, action in enumerate(ACTIONS) if not action.reverse and not action.brake]
 THROTTLE = np.array([ACTIONS[i].throttle for i in ROLLING])
 STEER = np.array([ACTIONS[i].steer for i in ROLLING])
-# 1 m/s2 too much weighs as much as this share of full lock.
+# An error of 1 m/s2 costs as much as a steering error of this share of full lock.
 STEER_PER_MPS2 = 0.08
-# Who wants to slow down by more than this brakes; less is left to rolling.
+# A wanted deceleration above this becomes braking; a smaller one is left to rolling.
 BRAKING_MPS2 = 1.2
 STANDING_MPS = 0.3
 BURST_TICKS = 7
@@ -45,10 +45,10 @@ def table_action(world: World, wanted: Control) -> int:
 
 
 class TableActionDriver:
-    """Another driver, its commands turned into actions of the table.
+    """Wraps a driver and turns its commands into actions of the table.
 
     noise: chance per tick of a burst of one random action, in half of the episodes, for bags that show how to recover.
-    advises: note what the driver itself wanted as advice, bursts or not.
+    advises: record the wrapped driver's own action as advice on every tick, also during bursts.
     """
 
     def __init__(self, inner: EpisodeDriver, noise: float = 0.0, *, advises: bool = False) -> None:
@@ -73,16 +73,16 @@ class TableActionDriver:
 
 
 def through_table(name: str, driver: EpisodeDriver, noise: float = 0.0) -> TableActionDriver:
-    """A driver by its name as `--table` makes it: the expert rehearses coarsely and its bags hold what it wanted."""
+    """The driver that `--table` makes of a named one; the expert plans coarsely and notes its choice as advice."""
     is_expert = name == 'expert'
     return TableActionDriver(expert_driver(coarse=True) if is_expert else driver, noise, advises=is_expert)
 
 
 class AdvisedDriver:
-    """A driver with another one beside it, who says what it would do in that state (as DAgger asks).
+    """One driver drives, another one labels the states with the action that it would take there (as in DAgger).
 
-    every: the adviser is asked at `ASKED_TICKS` ticks in a row out of so many. Planning is what it costs, a plan holds
-    for those ticks, and neighbouring ticks teach nearly the same.
+    every: out of this many ticks, the adviser is asked on the first `ASKED_TICKS`. Its cost is planning, and one plan
+    holds for those ticks; asking more often adds little, because neighbouring ticks are nearly the same example.
     """
 
     def __init__(self, inner: EpisodeDriver, adviser: EpisodeDriver, every: int = ASKED_TICKS) -> None:

@@ -1,4 +1,4 @@
-"""Replay that proves: does a bundle, shown a bag's sensors again, decide what was recorded?"""
+"""Verification by replay: does a bundle, given the sensor data of a bag, decide what was recorded there?"""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ FIELDS = ('throttle', 'brake', 'steer', 'reverse')
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """compared: decisions that both sides made. left_out: ticks without a recorded decision. differing: count by field,
-    and the mean difference where it differs. first: the first decision that differs: its stamp, field, both values.
-    text: the verdict for people.
+    """compared: decisions that were recorded and made again. left_out: ticks without a recorded decision. differing:
+    number of differences by field; mean_difference: their mean size. first: the first decision that differs: its stamp,
+    field, both values. text: the verdict in a sentence.
     """
 
     equal: bool
@@ -40,7 +40,7 @@ def recorded_proposals(bag: Path) -> dict[int, Control]:
     found: dict[int, Control] = {}
     with open_bag(bag) as reader:
         connections = [c for c in reader.connections if c.topic == topics.PROPOSED]
-        # An empty list would mean all of them.
+        # An empty list of connections would select all of them.
         for connection, _, data in messages_in(reader, connections=connections) if connections else ():
             decision = decision_from_message(decoded(factory, reader, connection, data))
             found[decision.stamp_ns] = decision.control
@@ -50,7 +50,7 @@ def recorded_proposals(bag: Path) -> dict[int, Control]:
 
 
 def verify_bag(bag: Path, bundle: Path) -> Verification:
-    """Compare bit for bit, and name the first difference."""
+    """Compare bit for bit, and name the first difference. Raises BagError or BundleError."""
     wanted = recorded_proposals(bag)
     driver = RawDriver(load_bundle(bundle))
     compared = left_out = changed = 0
@@ -59,7 +59,7 @@ def verify_bag(bag: Path, bundle: Path) -> Verification:
     with open_bag(bag) as reader:
         for tick in read_ticks(reader, bag, cameras=True, privileged=False):
             if tick.stamp_ns not in wanted:
-                # The planner was not asked, or found its sensors unfit: its belief did not move on then.
+                # The planner was inactive or rejected its sensors: its recurrent state did not advance at this tick.
                 left_out += 1
                 continue
             decision = driver.drive(SensorFrame(tick.stamp_ns, tick.images, tick.imu, tick.odometry), tick.route)

@@ -1,4 +1,4 @@
-"""Drivers that read the simulator's state, made anew for every episode."""
+"""Drivers that read the simulator's state; a new one is made for every episode."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from raw2drive_ros.rates import SUBSTEPS
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
 
-# Of the rule driver with noise: the share of episodes that have bursts of random actions.
+# Share of the episodes of a rule driver with noise that have bursts of random actions.
 NOISY_EPISODES = 0.75
 
 
@@ -47,7 +47,7 @@ def rule_driver(noise: float = 0.0) -> WorldDriver:
 
 
 def expert_driver(*, coarse: bool = False) -> WorldDriver:
-    """The expert; coarse: rehearsing in steps of a decision, which halves its cost and solves as many routes."""
+    """The expert; coarse: plans are simulated in steps of a decision; half the cost, and no fewer routes are solved."""
     return WorldDriver(lambda seed: ExpertDriver(SUBSTEPS if coarse else 1).control)
 
 

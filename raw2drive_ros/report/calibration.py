@@ -27,25 +27,26 @@ from raw2drive_ros.world_model.rssm import State
 from raw2drive_ros.world_model.teacher import Teacher
 
 HORIZONS = (1, 5, 10)
-# Nearly every state is far from an end: the first tenth is split.
+# Edges of the bins of predicted probability. Most states are far from an end, so the first tenth is split further.
 EDGES = np.array([0.0, 0.01, 0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
 DECILES = 10
-# terminal: a failure, nothing follows. last: the environment stopped (route driven, time out). cut: the recorder did.
+# terminal: a failure, nothing follows. last: the environment stopped (route driven, time out). cut: the
+# recording stopped.
 ENDS = ('terminal', 'last', 'cut')
-# Ticks that are filtered, and states that are imagined from, at a time: the masks of all would fill the memory.
+# Ticks that are filtered, and states that are imagined from, at a time: the masks of a whole bag would fill the memory.
 CHUNK = 64
-# Row -1, of a tick that no action led to, is zero.
+# Row -1 is zero, for a tick that no action led to.
 ONE_HOT = torch.cat([torch.eye(ACTION_COUNT), torch.zeros(1, ACTION_COUNT)])
 Bools = NDArray[np.bool_]
 
 
 @dataclass(slots=True)
 class Traces:
-    """N states of one episode, or of many behind one another.
+    """N states of one episode, or of several, concatenated.
 
-    ending, ended, known: (N, 3), by `HORIZONS`: the probability predicted for a terminal step within so many, whether
-    there was one, and whether the recording tells. reward, recorded, value, returned: (N,), see `realised_returns`;
-    reward_known, value_known: (N,), where they are to be compared. end: (N,), index into `ENDS`."""
+    ending, ended, known: (N, 3), by `HORIZONS`: the predicted probability of a terminal step within that many steps,
+    whether there was one, and whether the recording can tell. reward, recorded, value, returned: (N,), see
+    `realised_returns`; reward_known, value_known: (N,), where they are compared. end: (N,), index into `ENDS`."""
 
     ending: Float64
     ended: Bools
@@ -60,13 +61,13 @@ class Traces:
 
 
 def horizon_steps(gamma: float) -> int:
-    """1 / (1 - gamma): what lies further ahead counts for less than 1/e."""
+    """1 / (1 - gamma): rewards further ahead than this have a weight below 1/e."""
     return round(1.0 / (1.0 - gamma))
 
 
 def realised_returns(reward: Float64, gamma: float, after: float) -> Float64:
-    """(T,) rewards -> (T,) discounted return of what came AFTER each tick: G_t = r_(t+1) + gamma G_(t+1), where
-    `after` is that of the last tick."""
+    """(T,) rewards -> (T,) discounted return of what came AFTER each tick: G_t = r_(t+1) + gamma G_(t+1), and
+    `after` for the last tick."""
     found = np.full(len(reward), float(after))
     for t in reversed(range(len(reward) - 1)):
         found[t] = reward[t + 1] + gamma * found[t + 1]
@@ -75,13 +76,13 @@ def realised_returns(reward: Float64, gamma: float, after: float) -> Float64:
 
 def ended_within(ticks: int, steps: int, *, terminal: bool) -> tuple[Bools, Bools]:
     """(ended, known), both (ticks,): does an episode whose last tick is terminal (or not) end within `steps` of each
-    tick? Not known at its last tick, and where it was stopped sooner than that without a terminal step."""
+    tick? Not known at its last tick, nor where it stopped sooner than that without a terminal step."""
     left = np.arange(ticks)[::-1]
     return terminal & (left <= steps), (left > 0) & (terminal | (left >= steps))
 
 
 def episodes_of(flags: NDArray[np.uint8]) -> list[slice]:
-    """Where a bag's episodes are; the first one may have begun before the bag did."""
+    """The slice of each episode of a bag; the first episode may have begun before the recording did."""
     starts = sorted({0, *map(int, np.flatnonzero(flags & FIRST))})
     return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(flags)], strict=True)]
 
@@ -95,7 +96,7 @@ class CalibrationProbe:
         self.model, self.critic = teacher.model.eval(), teacher.policy.critic.eval()
         self.codec, self.gamma = MaskCodec(teacher.config), teacher.gamma
         self.samples = samples
-        # Two, so that what is filtered does not depend on how much is imagined.
+        # Two generators, so that filtering does not depend on how much is imagined.
         self.filtering, self.imagining = (torch.Generator().manual_seed(2 * seed + i) for i in (0, 1))
 
     def traces(self, bag: BagArrays, progress: Callable[[int], None] = lambda ticks: None) -> Iterator[Traces]:
@@ -116,7 +117,7 @@ class CalibrationProbe:
             states = self._filter(bag, inside, actions[part], flags[part], state)
             rewards.append(self.model.reward(states.feature))
             values.append(self.critic(states.feature))
-            # Beyond a recording's end the last action goes on: a window that ends early has no other.
+            # Beyond the end of the recording the last action is repeated, because no other is recorded.
             ahead = (torch.arange(part.start, part.stop)[:, None] + 1 + torch.arange(max(HORIZONS))).clamp(
                 max=ticks - 1
             )
@@ -143,7 +144,7 @@ class CalibrationProbe:
     def _filter(
         self, bag: BagArrays, where: slice, actions: Tensor, flags: NDArray[np.uint8], start: State | None
     ) -> State:
-        """(T, ...) states of ticks that follow on `start`."""
+        """(T, ...) sampled posterior states of the ticks that follow the state `start`."""
         masks = torch.from_numpy(self.codec.unpack(bag.masks[where])).float()
         embed = self.model.embed(*self.model.encode(masks, torch.from_numpy(bag.ego[where])))
         uniform = torch.rand(len(masks), self.model.rssm.config.stoch, generator=self.filtering)
@@ -164,8 +165,8 @@ class CalibrationProbe:
 
 
 def reliability(predicted: Float64, happened: Bools) -> dict[str, Any]:
-    """Of (N,) probabilities: brier, and brier_of_rate, which always predicting the rate would have; bins of `EDGES`
-    that hold states, each with the mean predicted and the share that happened. None where undefined."""
+    """Of (N,) probabilities: brier, and brier_of_rate, the score of always predicting the observed rate; the non-empty
+    bins of `EDGES`, each with the mean prediction and the share that happened. None where undefined."""
     place = np.clip(np.digitize(predicted, EDGES) - 1, 0, len(EDGES) - 2)
     bins = [
         {
@@ -205,8 +206,8 @@ def agreement(predicted: Float64, true: Float64) -> dict[str, Any]:
 
 
 def deciles(predicted: Float64, true: Float64) -> list[dict[str, Any]]:
-    """Tenths of the states in the order of what is PREDICTED: in that of the truth, even the best of predictors is too
-    high at the low end and too low at the high one."""
+    """Mean error by decile of the PREDICTION. By decile of the truth, even the best predictor would be too high at the
+    low end and too low at the high one (regression to the mean)."""
     parts = [part for part in np.array_split(np.argsort(predicted, kind='stable'), DECILES) if len(part)]
     return [
         {
@@ -220,12 +221,12 @@ def deciles(predicted: Float64, true: Float64) -> list[dict[str, Any]]:
 
 
 def joined(traces: Sequence[Traces]) -> Traces:
-    """One behind another; at least one."""
+    """All of them concatenated; at least one."""
     return Traces(*(np.concatenate([getattr(t, f.name) for t in traces]) for f in fields(Traces)))
 
 
 def numbers(traces: Sequence[Traces], gamma: float) -> dict[str, Any]:
-    """All statistics of some episodes, by the names of the heads; in a form for machines."""
+    """All statistics of these episodes by head, as a dictionary for JSON."""
     states = joined(traces)
     compared = {'all': states.value_known}
     compared |= {name: states.value_known & (states.end == i) for i, name in enumerate(ENDS)}

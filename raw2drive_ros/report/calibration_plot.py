@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE = PALETTE[:2]
 CELLS = 70
-# Share of the states beyond either end of a density plot: a few crashes would leave no room for the rest.
+# Share of the states that a density plot clips at either end: a few crashes would leave no room for the rest.
 TAIL = 0.002
 
 
 def draw(title: str, found: dict[str, Any], states: Traces) -> Figure:
     """found: `calibration.numbers` of the episodes that `states` is joined from."""
-    # Late: it takes half a second.
+    # Imported late: it takes half a second.
     from matplotlib.figure import Figure
 
     figure = Figure((15, 9), layout='constrained')
@@ -49,7 +49,7 @@ def save_calibration(target: Path, title: str, found: dict[str, Any], states: Tr
 
 
 def _reliability(axis: Axes, steps: int, found: dict[str, Any]) -> None:
-    """Predicted against happened, and behind it how many states each bin holds."""
+    """The observed frequency against the predicted one, and behind it how many states each bin holds."""
     axis.set_title(f'end within {steps} step{"s" * (steps > 1)} on the recorded actions\n{_score(found)}', fontsize=10)
     axis.set(xlabel='predicted probability', ylabel='share that ended', xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
     counts = axis.twinx()
@@ -64,7 +64,7 @@ def _reliability(axis: Axes, steps: int, found: dict[str, Any]) -> None:
     counts.set_yscale('log')
     counts.set_ylabel('states', color='0.5')
     counts.tick_params(colors='0.5', labelsize=8)
-    # The counts behind the curve.
+    # Draw the counts behind the curve.
     axis.set_zorder(counts.get_zorder() + 1)
     axis.patch.set_visible(False)
     axis.plot([0, 1], [0, 1], color='0.4', linewidth=0.8, linestyle='--')

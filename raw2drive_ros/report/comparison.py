@@ -25,21 +25,21 @@ from raw2drive_ros.report.charts import MAX_RUNS, PALETTE, grouped_bars
 from raw2drive_ros.report.failures import failures_of
 
 DEFAULT_STRIPS = 40
-# With more runs than this, tables are set tighter.
+# With more runs than this, tables are set more tightly.
 ROOMY_RUNS = 4
 OPPOSITE = {'yes': 'no', 'no': 'yes', 'undecided': 'undecided'}
 VERDICT_WORDS = {'yes': 'better', 'no': 'worse', 'undecided': 'undecided'}
 
 
 def read_all(paths: Sequence[Path]) -> list[Results]:
-    """Raises ResultsError, also when the files are of different suites."""
+    """Read 1 to `MAX_RUNS` files. Raises ResultsError."""
     if not 1 <= len(paths) <= MAX_RUNS:
         raise ResultsError(f'{len(paths)} files of results: give 1 to {MAX_RUNS}')
     return [read_results(path) for path in paths]
 
 
 def statistics_of(paths: Sequence[Path], runs: Sequence[Results]) -> dict[str, Any]:
-    """The page's numbers in a form for machines; runs are called A, B, ... Raises ResultsError."""
+    """The page's numbers as a dictionary for JSON; runs are called A, B, ... Raises ResultsError if suites differ."""
     letters = [chr(ord('A') + i) for i in range(len(runs))]
     return {
         'suite': runs[0].header['suite'],

@@ -28,14 +28,14 @@ OTHERS = {
     'validation/driving_score': 'validation: driving score',
     'validation/success_percent': 'validation: success %',
 }
-# Of `RunFolder.log`, beside the metrics.
+# Fields that `RunFolder.log` writes beside the metrics.
 NOT_METRICS = ('step', 'time')
 COLUMNS, PANEL_INCHES = 4, (4.2, 2.1)
-# Of a heat map: what its titles and slanting names take, and each of its rows.
+# Height of a heat map: of its title and slanted labels, and of each row.
 MAP_INCHES, ROUND_INCHES = 2.0, 0.26
-# A logarithmic axis where a loss falls by more than this factor.
+# The axis is logarithmic where a loss falls by more than this factor.
 WIDE = 20.0
-# With fewer points than this a line alone hides where they are.
+# Curves of fewer points than this get markers.
 FEW_POINTS = 40
 
 
@@ -72,7 +72,7 @@ class Panel:
 
 
 def read_run(run: Path, name: str | None = None) -> RunCurves:
-    """The metrics and validations of a run folder, also of one that is being trained: a torn last line is left out.
+    """The metrics and validations of a run folder, also of one still in training: a truncated last line is left out.
 
     Raises CheckpointError, and ResultsError for a damaged validation.
     """
@@ -104,7 +104,7 @@ def _read_metrics(file: Path) -> dict[str, dict[int, float]]:
                 break
             raise CheckpointError(f'{file}: line {number} holds no metrics: {error}') from error
         if step < before:
-            # Killed before its first checkpoint and begun anew: what came later belongs to work that is lost.
+            # Killed before its first checkpoint and started again: what is later belongs to work that was lost.
             found = {name: {s: v for s, v in points.items() if s <= step} for name, points in found.items()}
         before = step
         for name, value in values.items():
@@ -125,7 +125,7 @@ def _read_round(file: Path) -> Round:
 
 
 def read_runs(paths: Sequence[Path]) -> list[RunCurves]:
-    """Named by their folders, and by the folder above where two are called the same.
+    """Runs named by their folder; where two have the same name, the parent folder is added.
 
     Raises CheckpointError or ResultsError.
     """
@@ -139,7 +139,7 @@ def read_runs(paths: Sequence[Path]) -> list[RunCurves]:
 
 
 def panels_of(runs: Sequence[RunCurves]) -> list[Panel]:
-    """What there is to draw: losses, class overlaps, policy, rates, validation. No panel without a metric."""
+    """The panels to draw: losses, class overlaps, policy, rates, validation. No panel without a metric."""
     names = list(dict.fromkeys(name for run in runs for name in run.metrics))
 
     def kept(prefix: str, known: Iterable[str]) -> list[str]:
@@ -156,7 +156,7 @@ def panels_of(runs: Sequence[RunCurves]) -> list[Panel]:
 
 def draw(runs: Sequence[RunCurves]) -> Figure:
     """All panels, below them a heat map for each run that was validated."""
-    # Late: it takes half a second.
+    # Imported late: it takes half a second.
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
@@ -194,7 +194,7 @@ def _draw_panel(axis: Axes, panel: Panel, runs: Sequence[RunCurves]) -> None:
         axis.set_ylim(-0.03, 1.03)
     if panel.solid.startswith('validation/'):
         axis.set_ylim(-3, 103)
-    # The same steps in all panels, or what happened at one time would stand at different places.
+    # All panels have the same range of steps, so that a step is at the same place in each.
     axis.set_xlim(0, 1.02 * max(steps[-1] for run in runs for steps, _ in run.metrics.values()))
     axis.set_title(panel.title, fontsize=9)
     axis.tick_params(which='both', labelsize=7)

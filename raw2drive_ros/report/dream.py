@@ -28,7 +28,7 @@ from raw2drive_ros.world_model.teacher import Teacher
 
 WARM_UP_S, SHOWN_BEFORE_S = 5.0, 2.0
 SIDE, GAP, PLOT_PX, BORDER = 256, 16, 90, 4
-# Two frames a tick: half speed, because three seconds are soon over.
+# Frames per second, at one frame per tick: half speed, because three seconds are short.
 RATE = 5
 WHITE, GREEN, RED = (235, 235, 235), (80, 220, 120), (240, 80, 80)
 SIZE = (4 * GAP + 3 * SIDE, GAP + 24 + SIDE + 2 * (PLOT_PX + 2 * GAP))
@@ -46,9 +46,9 @@ class Dream:
 
 
 def ticks_around(bag: Path, at_s: float, seconds: float) -> tuple[list[BagTick], int]:
-    """(ticks of the episode that is on at `at_s` after the bag's first tick, index of that moment among them).
+    """(ticks of the episode that is running `at_s` after the bag's first tick, index of that moment among them).
 
-    From `WARM_UP_S` before it to `seconds` after it. Raises BagError when the bag is over before.
+    From `WARM_UP_S` before it to `seconds` after it. Raises BagError when no episode continues after that moment.
     """
     found: list[BagTick] = []
     begins = -1
@@ -77,7 +77,7 @@ def dream(teacher: Teacher, ticks: list[BagTick], begins: int, *, own_actions: b
     codec, stoch = MaskCodec(teacher.config), teacher.config.stoch
     rssm, actor = teacher.model.eval().rssm, teacher.policy.actor.eval()
     generator = torch.Generator().manual_seed(0)
-    # Of one tick: the sample of its state, and last that of an action.
+    # Uniform random numbers of each tick: for sampling its state, and the last one for sampling an action.
     uniforms = [torch.rand(1, stoch + 1, generator=generator) for _ in ticks]
     masks = [_masks(codec, tick) for tick in ticks]
     actions = torch.stack([_action(tick) for tick in ticks], 1)
@@ -191,4 +191,6 @@ def _curves(
     for row, colour in zip(values, (WHITE, GREEN, RED), strict=True):
         there = np.flatnonzero(np.isfinite(row[: index - first + 1]))
         y = top + PLOT_PX - (row[there] - low) / max(high - low, 1e-6) * PLOT_PX
-        cv2.polylines(canvas, [np.stack([x[there], y], 1).astype(np.int32)], False, colour, 1, cv2.LINE_AA)
+        cv2.polylines(
+            canvas, [np.stack([x[there], y], 1).astype(np.int32)], isClosed=False, color=colour, lineType=cv2.LINE_AA
+        )

@@ -1,4 +1,4 @@
-"""Failed drives for people: what happened, what it looked like, and the command that drives it again."""
+"""Failed drives for the report: what happened, what it looked like, and the command that repeats the drive."""
 
 from __future__ import annotations
 
@@ -23,13 +23,15 @@ class Failure:
 
 
 def replay_command(driver: str, route: RouteId) -> str:
-    """driver: identity text of the results, whose first word names the driver."""
+    """Shell command that shows the drive again. driver: identity text of the results, see `DriverSpec.identity`.
+
+    Identities hold a hash of the weights and not their path, so that the command drives the shipped weights; for others
+    --bundle or --run has to be added.
+    """
     name, *rest = driver.split() or ['']
-    # A run's folder is part of a privileged driver's identity; which bundle was driven is known by its weights alone.
-    run = ['--run', rest[0]] if name == 'privileged' and rest else []
     blind = ['--blind'] if 'blind' in rest else []
     command = ['raw2drive', 'scenario', 'show', route.type, '--seed', str(route.seed), '--weather', route.weather]
-    command += ['--repetition', str(route.repetition), '--driver', name, *run, *blind, '--video', 'out.mp4']
+    command += ['--repetition', str(route.repetition), '--driver', name, *blind, '--video', 'out.mp4']
     return shlex.join(command)
 
 

@@ -50,7 +50,7 @@ p99 {{ '%.1f' % result.timing.planner_ms.p99 }} ms; {% endif %}{{ result.timing.
 
 
 def write_report(target: Path, result: dict[str, Any], video: Video | None = None) -> Path:
-    """Failures first; pictures inline; no network, no script."""
+    """Write the page: failures first, pictures inline, no network access, no script."""
     stills = []
     for episode, picture in (video.stills if video else {}).items():
         encoded = cv2.imencode('.jpg', picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])[1]

@@ -1,4 +1,4 @@
-"""A scene from above, route from left to right: road, actors with their kinds and ways, signals, legend."""
+"""A scene from above, route from left to right: road, actors with their kinds and paths, signals, legend."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def colour_of(kind: str) -> Colour:
 
 
 class Overview:
-    """Draws a world as it stands into a picture `width` pixels wide; the height follows from the scene."""
+    """Draws the current state of a world into a picture `width` pixels wide; the height follows from the scene."""
 
     def __init__(self, world: World, width: int) -> None:
         self.world = world
@@ -55,14 +55,14 @@ class Overview:
         size = high - low
         self.scale = float(min(width / size[0], MAX_HEIGHT / size[1], MAX_PIXELS_PER_M))
         self.height = int(max(MIN_HEIGHT, size[1] * self.scale))
-        # Image rows grow downwards, the scene's y to the left of the route.
+        # Image rows count downwards; in the scene, y points to the left of the route.
         self.linear = self.scale * np.array([[1.0, 0.0], [0.0, -1.0]]) @ turn
         self.offset = np.array([width / 2, self.height / 2]) - self.scale * np.array([1.0, -1.0]) * (low + high) / 2
         self.canvas: Rgb = np.full((self.height + LEGEND_PX, width, 3), GROUND, np.uint8)
         self.labels: list[tuple[int, int, int, int]] = []
 
     def draw(self, trail_m: Sequence[tuple[float, float]] = ()) -> Rgb:
-        """(H, width, 3) RGB. trail_m: where the ego drives to from here."""
+        """(H, width, 3) RGB. trail_m: positions that the ego drives through from here on."""
         self._road()
         self._routes()
         self._signals()
@@ -99,7 +99,7 @@ class Overview:
         return np.concatenate([route, np.array(near).reshape(-1, 2)])
 
     def _groups(self) -> list[tuple[str, list[Float64]]]:
-        """Kinds of actors with the places of those that stand together, which share a label."""
+        """(kind, places) of actors of one kind that stand close together and share a label."""
         groups: list[tuple[str, list[Float64]]] = []
         for actor in self.world.actors:
             for kind, places in groups:
@@ -111,15 +111,24 @@ class Overview:
                 groups.append((actor.kind, [actor.position]))
         return groups
 
-    def _pixels(self, points_m: Float64) -> NDArray[np.int32]:
+    def pixels(self, points_m: Float64) -> NDArray[np.int32]:
+        """(N, 2) points of the map (m) -> (N, 2) pixels (x, y) of the picture, in units of 2**-SHIFT pixel."""
         pixels = points_m @ self.linear.T + self.offset
         return np.round(np.clip(pixels, -20_000, 20_000) * 2**SHIFT).astype(np.int32)
 
     def _line(self, points_m: Float64, colour: Colour, thickness: int) -> None:
-        cv2.polylines(self.canvas, [self._pixels(points_m)], False, colour, thickness, cv2.LINE_AA, SHIFT)
+        cv2.polylines(
+            self.canvas,
+            [self.pixels(points_m)],
+            isClosed=False,
+            color=colour,
+            thickness=thickness,
+            lineType=cv2.LINE_AA,
+            shift=SHIFT,
+        )
 
     def _fill(self, points_m: Float64, colour: Colour) -> None:
-        cv2.fillPoly(self.canvas, [self._pixels(points_m)], colour, cv2.LINE_AA, SHIFT)
+        cv2.fillPoly(self.canvas, [self.pixels(points_m)], colour, cv2.LINE_AA, SHIFT)
 
     def _road(self) -> None:
         road = self.world.road
@@ -142,7 +151,7 @@ class Overview:
         below = self.canvas.copy()
         self._line(ahead, COLOURS['route'], max(3, round(1.6 * self.scale)))
         self.canvas[:] = cv2.addWeighted(self.canvas, 0.75, below, 0.25, 0.0)
-        # The way past what blocks the route, where it leaves it.
+        # The reference path past an obstacle, where it leaves the route.
         beside = np.abs(world.detour_offsets_m) > BESIDE_M
         for first in range(0, len(beside) - DASH_POINTS, 2 * DASH_POINTS):
             if beside[first]:
@@ -165,7 +174,7 @@ class Overview:
             self._post(sign.pole_pose, STOP)
 
     def _post(self, pose: tuple[float, float, float], colour: Colour) -> None:
-        x, y = (self._pixels(np.array([pose[:2]]))[0] >> SHIFT).tolist()
+        x, y = (self.pixels(np.array([pose[:2]]))[0] >> SHIFT).tolist()
         cv2.circle(self.canvas, (x, y), 6, colour, -1, cv2.LINE_AA)
         cv2.circle(self.canvas, (x, y), 6, DARK, 1, cv2.LINE_AA)
 
@@ -191,17 +200,19 @@ class Overview:
 
     def _box(self, actor: Actor, colour: Colour, *, filled: bool = True) -> None:
         x, y = actor.position
-        # Cones and walkers would be two pixels wide.
+        # A minimum size, because cones and walkers would be two pixels wide.
         smallest = 6.0 / self.scale
         box = corners_m(float(x), float(y), actor.heading, max(actor.LENGTH, smallest), max(actor.WIDTH, smallest))
         if filled:
             self._fill(box, colour)
         edge = DARK if filled else colour
-        cv2.polylines(self.canvas, [self._pixels(box)], True, edge, 1, cv2.LINE_AA, SHIFT)
+        cv2.polylines(
+            self.canvas, [self.pixels(box)], isClosed=True, color=edge, thickness=1, lineType=cv2.LINE_AA, shift=SHIFT
+        )
 
     def _name(self, words: str, place_m: Float64) -> None:
-        """A label near a place, beside the road where it can be; left out where it would cover others."""
-        x, y = (self._pixels(place_m[None])[0] >> SHIFT).tolist()
+        """A label near a place, off the road where possible; left out where it would cover another label."""
+        x, y = (self.pixels(place_m[None])[0] >> SHIFT).tolist()
         (wide, high), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, LABEL_SIZE, 1)
         found: list[tuple[float, tuple[int, int, int, int]]] = []
         for rise, left in product((12, 26, 40, 54), (x - wide // 2, x + 10, x - 10 - wide)):

@@ -1,4 +1,4 @@
-"""Pieces that pictures and videos are put together from: cameras, masks, command plots, text, and the MP4 file."""
+"""Building blocks of pictures and videos: cameras, masks, command plots, text, and the MP4 file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Rgb = NDArray[np.uint8]
 
 
 class Frames(Protocol):
-    """Takes the pictures of a video, one after another."""
+    """Appends one picture to a video."""
 
     def __call__(self, picture: Rgb) -> None: ...
 
@@ -48,6 +48,7 @@ def mp4(target: Path, width: int, height: int, rate: int) -> Iterator[Frames]:
 
 
 def canvas_of(width: int, height: int) -> Rgb:
+    """(height, width, 3) of dark grey."""
     return np.full((height, width, 3), PAPER, np.uint8)
 
 
@@ -65,8 +66,8 @@ def put(canvas: Rgb, picture: Rgb, left: int, top: int, width: int, height: int,
 def put_mosaic(
     canvas: Rgb, images: Mapping[str, Rgb], left: int, top: int, tile: tuple[int, int], crop: int = 0
 ) -> None:
-    """The six cameras, in two rows of named tiles of (width, height); `crop` rows of the height are cut away, above and
-    below."""
+    """The six cameras, in two rows of named tiles of (width, height); `crop` rows are cut off at the top and at the
+    bottom of each."""
     width, height = tile
     for row, names in enumerate(MOSAIC):
         for column, name in enumerate(names):
@@ -93,4 +94,4 @@ def plot_controls(canvas: Rgb, history: Sequence[Control], left: int, top: int) 
             x = left + np.arange(len(values)) * width / (PLOT_TICKS - 1)
             y = y0 + PLOT_PX - 3 - (np.array(values) - low) / (1.0 - low) * (PLOT_PX - 6)
             points = np.stack([x, y], 1).astype(np.int32)
-            cv2.polylines(canvas, [points], False, colour, 1, cv2.LINE_AA)
+            cv2.polylines(canvas, [points], isClosed=False, color=colour, thickness=1, lineType=cv2.LINE_AA)

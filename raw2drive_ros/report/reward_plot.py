@@ -1,4 +1,4 @@
-"""The reward's terms over two drives of one route: does it pay for the better one?"""
+"""The reward's terms over two drives of one route: does the better drive earn more?"""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DISCOUNT = 1.0 - 1.0 / 333.0
 
 @dataclass(frozen=True, slots=True)
 class RewardTrace:
-    """terms: (T,) per name, weighted, which sum to the reward of each step."""
+    """terms: name -> (T,) weighted values; their sum is the reward of each step."""
 
     result: RouteResult
     terms: dict[str, Float64]
@@ -32,7 +32,7 @@ class RewardTrace:
 
     @property
     def discounted_return(self) -> float:
-        """As seen from the first step; what comes after the drive's end counts as nothing."""
+        """Seen from the first step; after the end of the drive, rewards count as zero."""
         return float(self.rewards @ DISCOUNT ** np.arange(len(self.rewards)))
 
 
@@ -45,7 +45,7 @@ def trace(route: RouteId, driver: EpisodeDriver) -> RewardTrace:
 
 def save_reward_plot(target: Path, route: RouteId, traces: dict[str, RewardTrace]) -> Path:
     """A PNG: per driver the terms over time, below them the running sums. Raises OSError."""
-    # Late: nothing else needs it, and it takes half a second.
+    # Imported late: it takes half a second.
     from matplotlib.figure import Figure
 
     figure = Figure((11, 2.6 * (len(traces) + 1)), layout='constrained')

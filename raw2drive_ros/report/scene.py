@@ -1,4 +1,4 @@
-"""One drive for people to look at: a picture of the scene and what the cameras see, or a video of all of it."""
+"""Looking at one drive: a picture of the scene and of what the cameras see, or a video of the whole drive."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ GOOD, BAD = (110, 220, 140), (255, 130, 110)
 
 
 def bev_picture(tick: Tick) -> Rgb:
+    """(H, W, 3) RGB of the BEV masks; the tick must have privileged data."""
     assert tick.privileged is not None
     return colour_masks(tick.privileged.bev.astype(np.float32), list(CHANNELS))
 
@@ -84,7 +85,7 @@ def save_film(
     driver: EpisodeDriver,
     seconds: float | None = None,
 ) -> RouteResult:
-    """An MP4 of the drive in its own time, to its end or for `seconds`; its result. Raises OSError."""
+    """Write an MP4 of the drive at its own speed, to its end or for `seconds`; returns its result. Raises OSError."""
     env = _watched_env(image_size)
     history: list[Control] = []
     reward = 0.0

@@ -1,4 +1,4 @@
-"""What the processes of a soaked graph held, over simulated hours."""
+"""The resources that the processes of a soak run held, over simulated hours."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ COLUMNS, PANEL_INCHES = 3, (4.6, 2.6)
 
 
 def save_soak(path: Path, samples: Sequence[Sample]) -> None:
-    """One panel per quantity, one line per process; a dotted line where the graph was started anew."""
+    """One panel per quantity, one line per process; a dotted line where the graph was started again."""
     from matplotlib.figure import Figure
 
-    # Graphs that ran side by side wrote in turns.
+    # Samples of graphs that ran side by side are interleaved.
     samples = sorted(samples, key=lambda sample: sample.part)
     rows = -(-len(PANELS) // COLUMNS)
     figure = Figure(figsize=(COLUMNS * PANEL_INCHES[0], rows * PANEL_INCHES[1]), layout='constrained')
@@ -46,7 +46,7 @@ def save_soak(path: Path, samples: Sequence[Sample]) -> None:
 
 
 def _time_line(samples: Sequence[Sample]) -> tuple[list[float], list[float]]:
-    """Hours of each sample with all parts behind one another, and where parts begin (the first left out)."""
+    """Hours of each sample with the parts laid end to end, and where parts begin (the first left out)."""
     hours: list[float] = []
     starts: list[float] = []
     offset = last = 0.0

@@ -30,7 +30,7 @@ class Video:
 
 
 def write_video(bag: Path, bundle_path: Path, target: Path, advance: Callable[..., None] = lambda done: None) -> Video:
-    """Replay a bag's sensors through the bundle's driver and draw every tick. Raises BagError, BundleError."""
+    """Replay a bag's sensor data through the bundle's driver and draw every tick. Raises BagError, BundleError."""
     bundle = load_bundle(bundle_path)
     driver = RawDriver(bundle)
     codec = MaskCodec(bundle.config)

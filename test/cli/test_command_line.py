@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from raw2drive_ros.cli.main import VERBS, main
+from raw2drive_ros.graph import doctor
+from raw2drive_ros.nodes.transport import PROFILE_VARIABLE, shipped_profile
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -68,6 +70,23 @@ def test_collect_train_and_resume_from_the_command_line(tmp_path) -> None:
     assert first.returncode == 0, first.stderr
     again = run_cli(*arguments, *cache, '--steps', '3')
     assert '3 steps' in again.stdout, again.stderr
+
+
+def test_doctor_names_what_is_missing_and_which_profile_is_in_force(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(doctor, 'PACKAGES', ('numpy', 'no-such-package'))
+    monkeypatch.setattr(doctor, 'LEAST_SHARED_MEMORY_BYTES', float('inf'))
+    monkeypatch.setenv(PROFILE_VARIABLE, str(shipped_profile()))
+    assert main(['doctor', '--quick', '--json']) == 1
+    body = json.loads(capsys.readouterr().out)
+    assert list(body['versions']) == ['numpy']
+    assert body['problems'][0] == 'no-such-package is missing: pip install no-such-package'
+    assert 'free in /dev/shm' in body['problems'][1]
+    assert len(body['problems']) == 2
+    assert not {'latency_ms', 'stopping'} & set(body)
+    monkeypatch.setenv(PROFILE_VARIABLE, '/elsewhere.xml')
+    found = doctor.examine(quick=True)
+    assert found['transport']['set_by_user'] == found['transport']['in_force'] == '/elsewhere.xml'
+    assert 'Fast DDS profile /elsewhere.xml is in force' in found['problems'][1]
 
 
 def test_doctor_reports_transport_versions_and_latency() -> None:

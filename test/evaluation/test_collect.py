@@ -59,7 +59,7 @@ def test_every_type_and_every_weather_is_driven_equally_often() -> None:
 def test_type_and_weather_do_not_decide_on_each_other() -> None:
     for seed in range(3):
         pairs = {(route.type, route.weather) for route in drawn(seed, 10 * len(TYPES))}
-        # Ten draws of 23 weathers by 46 types: a type that knows only a few of them would be no accident.
+        # Each type gets ten of 23 weathers, drawn independently: fewer than five different ones would be no accident.
         assert min(Counter(kind for kind, _ in pairs).values()) >= 5
         assert min(Counter(weather for _, weather in pairs).values()) >= 10
     firsts = [{route.type: route.weather for route in drawn(seed, len(TYPES))} for seed in range(3)]

@@ -1,4 +1,4 @@
-"""Comfort from hand-made motion: each limit breaks alone, and the bench2drive_compat are Bench2Drive's."""
+"""Comfort of synthetic motion: each limit alone, and `bench2drive_compat` reproduces Bench2Drive's mistakes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Files of results: written and read back, resumed, torn and damaged; and nobody else reads or writes their rows."""
+"""Results files: written and read back, resumed, truncated and damaged; no other module reads or writes their rows."""
 
 import ast
 import json
@@ -181,7 +181,7 @@ def test_a_header_is_replaced_in_one_step(tmp_path, monkeypatch) -> None:
     [('{"id": "Accident/2", "ty', None), ('\0\0\0', None), (json.dumps(asdict(result(ROUTES[2]))), ROUTES[2])],
 )
 def test_a_file_that_does_not_end_in_a_line_break(tmp_path, tail, last) -> None:
-    """What is no whole record is torn; a whole one counts, and gets its line break when the file is resumed."""
+    """An incomplete last record is dropped; a complete one counts, and gets its line break when the file is resumed."""
     path = write(tmp_path / 'x.jsonl', header(), asdict(result(ROUTES[0])), tail=tail)
     done = [ROUTES[0]] + [last] * (last is not None)
     assert [row['id'] for row in read_results(path).rows] == [str(route) for route in done]
@@ -325,11 +325,11 @@ def test_every_reader_rejects_the_same_rows(tmp_path, reader, message) -> None:
         READERS[reader](path)
 
 
-# -- who may ----------------------------------------------------------------------------------------
+# -- no other module ----------------------------------------------------------------------------------------
 
 
 def offences(tree: ast.AST) -> list[int]:
-    """Lines that turn a table into a RouteResult, or a RouteResult into a line of JSON."""
+    """Line numbers of calls that make a RouteResult of a dictionary, or a line of JSON of a RouteResult."""
     found = []
     for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
         name = ast.unparse(call.func).split('.')[-1]
@@ -349,7 +349,7 @@ def test_rows_are_read_and_written_in_one_module_only() -> None:
 
 
 def test_reading_and_summing_up_needs_no_torch() -> None:
-    """The bridge does both, also where no learned driver is."""
+    """The bridge does both, and loads torch only for a learned driver."""
     code = (
         'import sys, raw2drive_ros.evaluation.results, raw2drive_ros.evaluation.statistics\n'
         "raise SystemExit('torch' in sys.modules)"

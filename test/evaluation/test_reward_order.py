@@ -1,4 +1,4 @@
-"""Every benchmark type can be solved, and the reward says so: the expert earns more than whoever fails."""
+"""Every benchmark type can be solved, and the reward agrees: the expert earns more than any driver that fails."""
 
 import multiprocessing
 

@@ -19,7 +19,7 @@ from raw2drive_ros.evaluation.statistics import (
 from raw2drive_ros.simulation.route_id import RouteId
 
 
-def row(kind: str, seed: int, score: float, success: bool | None = None, repetition: int = 0, **more) -> dict:
+def row(kind: str, seed: int, score: float, *, success: bool | None = None, repetition: int = 0, **more) -> dict:
     route = RouteId(kind, seed, repetition=repetition)
     return {
         'id': str(route), 'type': kind, 'seed': seed, 'weather': route.weather, 'repetition': repetition,

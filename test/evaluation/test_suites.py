@@ -49,7 +49,7 @@ def test_a_shipped_route_is_drawn_again_as_it_stands() -> None:
 
 
 def test_a_scene_whose_actors_crash_is_unfair(monkeypatch) -> None:
-    """Two cars towards each other on one path of the ego's road, which never drives itself."""
+    """A car that ignores traffic hits a barrier; the ego is not involved."""
     from raw2drive_ros.simulation import scenario
     from raw2drive_ros.simulation.layout import RoadLayout, Straight
     from raw2drive_ros.simulation.scenario import RouteSpec, Scene, StandingSpec, TrafficSpec

@@ -1,4 +1,4 @@
-"""Continuous commands through the policy's 39 actions: near to what is asked for, and the same wherever it is asked."""
+"""Continuous commands as the policy's 39 actions: the closest one, good enough to drive with; and advice."""
 
 import pytest
 

@@ -1,7 +1,8 @@
-"""Fuzz what people hand in, guided by coverage (atheris). Finds are written to the folder as files.
+"""Coverage-guided fuzzing (atheris) of what users hand in. An input that raises an unexpected error is a find, and is
+written to the folder as a file.
 
 python test/fuzz/run.py TARGET [--seconds 600] [--folder /tmp/raw2drive_fuzz]
-python test/fuzz/run.py TARGET --again FILE      what a file of a find does
+python test/fuzz/run.py TARGET --again FILE      run the target on a find again
 
 Needs atheris (pip install 'raw2drive_ros[fuzz]').
 """

@@ -1,6 +1,6 @@
-"""What people hand in as bytes, and the errors they may get for it; anything else that is raised is a find.
+"""What users hand in, as bytes, and the errors that it may raise; any other exception is a find.
 
-Each target takes the bytes of a fuzzer. `seeds` are whole inputs to begin with.
+Each target takes the bytes of a fuzzer. `seeds` are valid inputs to start from.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Target:
 
 @cache
 def scratch() -> Path:
-    """A folder that is cleared by whoever uses it next; in memory where there is a place for that."""
+    """A folder for temporary files, in memory where possible; each part is cleared before its next use."""
     shared = Path('/dev/shm')
     folder = Path(tempfile.mkdtemp(prefix='raw2drive_fuzz_', dir=shared if shared.is_dir() else None))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
@@ -113,7 +113,7 @@ def _message(data: bytes) -> None:
     try:
         message = FACTORY.deserialize(data[1:], kind)
     except Exception:
-        # The middleware, or the bag's reader, refuses it before any adapter sees it.
+        # The middleware, or the reader of the bag, rejects it before any adapter sees it.
         return
     READERS[kind](message)
 
@@ -157,7 +157,7 @@ def _small_bag() -> Path:
 
 
 def _bag(data: bytes) -> None:
-    """The MCAP file of a bag whose metadata are right."""
+    """The MCAP file of a bag with valid metadata."""
     folder = _empty('bag')
     for file in _small_bag().iterdir():
         shutil.copy(file, folder)
@@ -203,7 +203,7 @@ def _file(name: str, load: Callable[[Path], object]) -> Callable[[bytes], None]:
 
 
 def _parameters(data: bytes) -> None:
-    """First byte: which file."""
+    """First byte: which kind of file. Then its text."""
     loads: list[Callable[[Path], object]] = [
         load_gate_config,
         load_monitor_config,
@@ -220,7 +220,7 @@ def _parameter_files() -> list[bytes]:
 
 
 def _bundle(data: bytes) -> None:
-    """The description of a bundle, beside weights that are right."""
+    """`bundle.json` of a bundle with valid weights."""
     folder = _empty('bundle')
     for file in default_bundle().iterdir():
         if file.is_file() and file.name != 'bundle.json':

@@ -1,4 +1,4 @@
-"""Each target on its seeds and on a little random damage; `run.py` looks for hours, guided by coverage."""
+"""Each target on its seeds and on some random damage; `run.py` searches for longer, guided by coverage."""
 
 import random
 
@@ -10,7 +10,7 @@ MUTATIONS = 100
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
-    """Bytes changed, taken out, doubled or put in, or the end cut off."""
+    """Bytes changed, removed, duplicated or inserted, or the end cut off."""
     changed = bytearray(data)
     for _ in range(rng.choice((1, 1, 2, 4))):
         at, size = rng.randrange(len(changed) + 1), rng.choice((1, 2, 4, 8, 40))

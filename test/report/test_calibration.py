@@ -1,4 +1,4 @@
-"""Calibration tells a right predictor from a wrong one, and compares every state with what came after it."""
+"""Calibration tells a good predictor from a bad one, and compares every state with what followed it."""
 
 import dataclasses
 import json
@@ -110,7 +110,7 @@ def test_steps_compound_and_a_model_that_sees_every_end_coming_is_wrong_by_the_r
     found = numbers(list(CalibrationProbe(teacher).traces(with_flags(arrays, TERMINAL | LAST))), 0.98)
     for steps in HORIZONS:
         row = found['continue'][str(steps)]
-        # Of the first episode all but its last tick, of the second all but the last `steps`.
+        # All ticks of the first episode but its last one, and all of the second but the last `steps`.
         assert (row['states'], row['left_out']) == (59 + 60 - steps, 1 + steps)
         assert row['happened'] == pytest.approx(steps / row['states'])
         assert row['brier'] == pytest.approx(1.0 - row['happened'])

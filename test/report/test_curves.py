@@ -1,4 +1,4 @@
-"""The curves hold what the run logged, what was lost in a kill is not drawn, and the heat map is the validation."""
+"""The curves show what the run logged, without what a kill lost; the heat map shows the validations."""
 
 import json
 import shutil

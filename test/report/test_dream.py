@@ -1,4 +1,4 @@
-"""The video of what a world model imagines: the right moment, the right episode, nothing made up before it."""
+"""The video of what a world model imagines: the right moment, the right episode, nothing imagined before it."""
 
 import av
 import numpy as np

@@ -13,6 +13,7 @@ import pytest
 from raw2drive_ros.cli import scenario as scenario_verb
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.errors import ResultsError
+from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.metrics import score_route
 from raw2drive_ros.evaluation.statistics import compare, summarise, timing_of
 from raw2drive_ros.report.charts import MAX_RUNS, grouped_bars
@@ -107,16 +108,17 @@ def test_the_page_says_which_runs_are_scored_as_bench2drive_s_tools_do(tmp_path,
         assert statistics_of([results], read_all([results]))['runs'][0]['bench2drive_compat'] is value
 
 
-def test_the_replay_command_is_one_that_the_command_line_takes(tmp_path) -> None:
+def test_the_replay_command_is_one_that_the_command_line_takes(tmp_path, teacher_run) -> None:
     failed = row('T_Junction', 7, 5.0, weather='HardRainNight', repetition=2)
-    results = write(tmp_path / 'a.jsonl', 'privileged runs/stage 0012 blind', [failed])
+    identity = DriverSpec('privileged', run=teacher_run, blind=True).identity()
+    results = write(tmp_path / 'a.jsonl', identity, [failed])
     page = Page(write_comparison(tmp_path / 'r.html', [results]).read_text())
     command = next(code for code in page.codes if code.startswith('raw2drive scenario'))
     parser = argparse.ArgumentParser()
     scenario_verb.add_arguments(parser)
     options = parser.parse_args(shlex.split(unescape(command))[2:])
     assert (options.name, options.seed, options.weather, options.repetition) == ('T_Junction', 7, 'HardRainNight', 2)
-    assert (options.driver, str(options.training_run), options.blind) == ('privileged', 'runs/stage', True)
+    assert (options.driver, options.training_run, options.blind) == ('privileged', None, True)
     assert str(options.video) == 'out.mp4'
 
 

@@ -1,4 +1,4 @@
-"""Pictures and videos of one drive, and the verb that makes them."""
+"""Pictures and videos of one drive, and the verb `scenario show` that makes them."""
 
 import av
 import cv2
@@ -32,7 +32,7 @@ def frames_of(path) -> list:
 def test_the_route_runs_from_left_to_right(name) -> None:
     world = world_of(name)
     view = Overview(world, 800)
-    start, goal = (view._pixels(np.array([world.route.pose(s)[:2]]))[0] for s in (world.route_s_m, world.goal_s_m))
+    start, goal = (view.pixels(np.array([world.route.pose(s)[:2]]))[0] for s in (world.route_s_m, world.goal_s_m))
     assert goal[0] > start[0]
     assert abs(goal[1] - start[1]) <= 16, 'up to rounding, in sixteenths of a pixel'
     picture = view.draw()
@@ -46,7 +46,7 @@ def test_actors_and_lights_are_where_the_world_has_them() -> None:
     view = Overview(world, 800)
     picture = view.draw()[: view.height]
     for light in world.lights:
-        x, y = view._pixels(np.array([light.pole_pose[:2]]))[0] // 16
+        x, y = view.pixels(np.array([light.pole_pose[:2]]))[0] // 16
         assert tuple(picture[y, x]) == LIGHTS[light.colour]
     world = world_of('ConstructionObstacle')
     view = Overview(world, 800)
