@@ -140,10 +140,10 @@ class ToyVehicle(Node):
         make_subscription(self, topics.COMMAND, self.on_command, LossCounter())
         self.ticks = 0
         self.started_ns = self.get_clock().now().nanoseconds
-        self.say_once()
+        self.publish_extrinsics()
         self.create_timer(1.0 / PHYSICS_HZ, self.tick, clock=steady_clock())
 
-    def say_once(self) -> None:
+    def publish_extrinsics(self) -> None:
         """Mounting poses, latched."""
         stamp_ns = self.started_ns
         mounts = {topics.extrinsics_topic(c.name): (c.base_from_camera, optical_frame(c.name)) for c in self.cameras}

@@ -34,8 +34,8 @@ def judge(seen: Observation, rig: tuple[CameraCalibration, ...], *, compressed: 
     names = expected(cameras, compressed=compressed)
     return [
         *_topics(seen, names),
-        *_times(seen, names, cameras, compressed),
-        *_frames(seen, cameras, compressed),
+        *_times(seen, names, cameras, compressed=compressed),
+        *_frames(seen, cameras, compressed=compressed),
         *_cameras(seen, rig),
         *_motion(seen),
         *_route(seen),
@@ -69,7 +69,7 @@ def _topics(seen: Observation, names: list[str]) -> Iterator[Verdict]:
             yield Verdict(f'{name}: content', 'error', text, 'see docs/topics.md')
 
 
-def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], compressed: bool) -> Iterator[Verdict]:
+def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], *, compressed: bool) -> Iterator[Verdict]:
     for name in names:
         spec, topic = topics.BY_NAME[name], seen.topics.get(name, TopicSeen())
         stamps = topic.stamps_ns
@@ -103,7 +103,7 @@ def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], compre
         yield Verdict('cameras: one stamp for all', 'passed' if fine else 'error', text, fix)
 
 
-def _frames(seen: Observation, cameras: tuple[str, ...], compressed: bool) -> Iterator[Verdict]:
+def _frames(seen: Observation, cameras: tuple[str, ...], *, compressed: bool) -> Iterator[Verdict]:
     images = topics.compressed_topic if compressed else topics.image_topic
     wanted = {topics.IMU: IMU_FRAME, topics.ODOMETRY: MAP_FRAME, topics.ROUTE: MAP_FRAME}
     wanted |= {images(camera): optical_frame(camera) for camera in cameras}

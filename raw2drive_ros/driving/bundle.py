@@ -153,8 +153,8 @@ def load_bundle(path: Path) -> Bundle:
         body['identity'],
         config,
         rig,
-        model.requires_grad_(False).eval(),
-        actor.requires_grad_(False).eval(),
+        model.requires_grad_(requires_grad=False).eval(),
+        actor.requires_grad_(requires_grad=False).eval(),
         body[METADATA],
     )
 

@@ -22,7 +22,7 @@ class HealthReport:
 
     _said: list[str] | None = None
 
-    def lines(self, findings: Sequence[Finding], complete: bool) -> list[Line]:
+    def lines(self, findings: Sequence[Finding], *, complete: bool) -> list[Line]:
         """What is new since the last call: causes with their remedies, or that all is well again.
 
         complete: every input was heard since the start; before that, silence is no sign of health. Before anybody is
@@ -35,9 +35,10 @@ class HealthReport:
             return []
         self._said = subjects
         if not findings:
-            return [Line(False, 'nominal: all sensors are well')]
-        said = [Line(True, f'{f.health.name.lower()}: {f.cause}; {f.remedy}') for f in findings if not f.unheard]
+            return [Line(alarming=False, text='nominal: all sensors are well')]
+        broken = [finding for finding in findings if not finding.unheard]
+        said = [Line(alarming=True, text=f'{f.health.name.lower()}: {f.cause}; {f.remedy}') for f in broken]
         waiting = [finding.subject for finding in findings if finding.unheard]
         if waiting:
-            said.append(Line(False, f'waiting for {", ".join(waiting)}: nothing heard yet'))
+            said.append(Line(alarming=False, text=f'waiting for {", ".join(waiting)}: nothing heard yet'))
         return said

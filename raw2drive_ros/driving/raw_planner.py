@@ -110,7 +110,7 @@ class RawPlanner:
             return None
         try:
             if not self.rig_checked:
-                self._check_cameras()
+                self.check_cameras()
             decision = self.driver.drive(frame, self.route)
         except (ContractError, BundleError) as error:
             self.failure = str(error)
@@ -121,7 +121,7 @@ class RawPlanner:
         self.decisions += 1
         return decision
 
-    def _check_cameras(self) -> None:
+    def check_cameras(self) -> None:
         """Raises BundleError until every camera's calibration is known and equals the bundle's."""
         missing = [camera for camera in self.cameras if camera not in self.calibrations]
         if missing:

@@ -64,7 +64,7 @@ class MonitorLimits:
 
 
 @dataclass(slots=True)
-class _Camera:
+class _CameraState:
     sample: Image8 | None = None
     same: int = 0
     blind: int = 0
@@ -83,7 +83,7 @@ class SensorMonitor:
     _heard_ns: dict[str, int] = field(default_factory=dict)
     _ever: set[str] = field(default_factory=set)
     _ahead_ns: dict[str, int] = field(default_factory=dict)
-    _eyes: dict[str, _Camera] = field(default_factory=dict)
+    _camera_states: dict[str, _CameraState] = field(default_factory=dict)
     _frames_ns: deque[int] = field(default_factory=deque)
     _refused: dict[str, tuple[int, str]] = field(default_factory=dict)
     _absurd: str = ''
@@ -94,7 +94,7 @@ class SensorMonitor:
         """A new beginning, as after a jump of time; counts stay, and which inputs there are."""
         self._heard_ns.clear()
         self._ahead_ns.clear()
-        self._eyes.clear()
+        self._camera_states.clear()
         self._frames_ns.clear()
         self._refused.clear()
         self._absurd_count = 0
@@ -149,14 +149,14 @@ class SensorMonitor:
             self._frames_ns.popleft()
         moving = abs(frame.odometry.speed_mps) > self.limits.moving_mps
         for name, image in frame.images.items():
-            eye = self._eyes.setdefault(name, _Camera())
+            state = self._camera_states.setdefault(name, _CameraState())
             sample = image[::STRIDE, ::STRIDE].copy()
             # A meadow under a plain sky looks the same from everywhere: what moves is what differs within a row.
-            same = moving and eye.sample is not None and np.array_equal(sample, eye.sample)
+            same = moving and state.sample is not None and np.array_equal(sample, state.sample)
             same = same and int(np.ptp(sample, axis=1).max()) >= self.limits.blind_levels
             blind = int(sample.max()) - int(sample.min()) < self.limits.blind_levels
-            eye.sample = sample
-            eye.same, eye.blind = eye.same + 1 if same else 0, eye.blind + 1 if blind else 0
+            state.sample = sample
+            state.same, state.blind = state.same + 1 if same else 0, state.blind + 1 if blind else 0
 
     def findings(self, now_ns: int) -> list[Finding]:
         """Everything that is wrong at `now_ns` of ROS time, worst first."""
@@ -189,14 +189,14 @@ class SensorMonitor:
 
     def _pictures(self) -> list[Finding]:
         found = []
-        for name, eye in self._eyes.items():
-            if eye.blind >= self.limits.blind_frames:
-                assert eye.sample is not None
-                shade = 'black' if eye.sample.mean() < 128 else 'white'
-                cause = f'camera {name}: {shade} for {eye.blind} frames'
+        for name, state in self._camera_states.items():
+            if state.blind >= self.limits.blind_frames:
+                assert state.sample is not None
+                shade = 'black' if state.sample.mean() < 128 else 'white'
+                cause = f'camera {name}: {shade} for {state.blind} frames'
                 found.append(Finding(Health.STOP, cause, 'look at the lens, the exposure and the cable'))
-            if eye.same >= self.limits.frozen_frames:
-                cause = f'camera {name}: the same picture {eye.same + 1} times while driving'
+            if state.same >= self.limits.frozen_frames:
+                cause = f'camera {name}: the same picture {state.same + 1} times while driving'
                 found.append(Finding(Health.STOP, cause, "restart the camera's driver"))
         return found
 

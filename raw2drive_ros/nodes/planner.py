@@ -66,7 +66,7 @@ class PlannerNode(LifecycleNode):
         self.report = HealthReport()
         self.newest_ns = 0
         self.refusal_logged: dict[str, float] = {}
-        self._inputs: list[Any] = []
+        self.sensor_subscriptions: list[Any] = []
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.watch_clock = steady_clock()
         self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish, clock=self.watch_clock)
@@ -112,7 +112,7 @@ class PlannerNode(LifecycleNode):
         assert self.planner is not None and self.inputs is not None
         self.planner.start(self._now_ns())
         for topic in self.inputs.topics:
-            self._inputs.append(make_subscription(self, topic, self._receiver(topic), self.losses))
+            self.sensor_subscriptions.append(make_subscription(self, topic, self._receiver(topic), self.losses))
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -136,9 +136,9 @@ class PlannerNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _stop_listening(self) -> None:
-        for subscription in self._inputs:
+        for subscription in self.sensor_subscriptions:
             self.destroy_subscription(subscription)
-        self._inputs.clear()
+        self.sensor_subscriptions.clear()
 
     # -- inputs -----------------------------------------------------------------------------------
 
@@ -175,7 +175,7 @@ class PlannerNode(LifecycleNode):
 
     def _watch(self) -> None:
         """What is wrong with the sensors is logged and published when it changes."""
-        if not self._inputs or self.planner is None:
+        if not self.sensor_subscriptions or self.planner is None:
             return
         # rclpy tells of jumps of simulated time only; a system clock may be set as well.
         back_s = (self.newest_ns - self._now_ns()) * 1e-9
@@ -183,7 +183,7 @@ class PlannerNode(LifecycleNode):
             self._start_anew(back_s)
         self.newest_ns = self._now_ns()
         self.planner.look(self.newest_ns)
-        lines = self.report.lines(self.planner.findings, self.planner.monitor.complete)
+        lines = self.report.lines(self.planner.findings, complete=self.planner.monitor.complete)
         for line in lines:
             # Apart: rclpy wants one severity for each place of call.
             if line.alarming:
@@ -210,7 +210,7 @@ class PlannerNode(LifecycleNode):
         values = self.figures()
         if self.planner is None:
             return (ERROR, self.failure, values) if self.failure else (OK, 'not configured', values)
-        if not self._inputs:
+        if not self.sensor_subscriptions:
             return WARN, 'not active: proposes nothing', values
         health = self.planner.health
         values |= {

@@ -105,7 +105,7 @@ class PlayerNode(Node):
         if start_ns > reader.end_time:
             raise NodeError(f'start_s is beyond the end of the bag, which lasts {self.lasts_s:.1f} s')
         self._set_clock(start_ns)
-        self._say_again(reader, connections, start_ns)
+        self._publish_latched(reader, connections, start_ns)
         anchor_s, anchor_ns, rate = time.monotonic(), start_ns, self._rate()
         for connection, stamp_ns, data in messages_in(reader, connections=connections, start=start_ns):
             if stamp_ns != self.now_ns:
@@ -136,7 +136,7 @@ class PlayerNode(Node):
         self.steps = max(0, self.steps - 1)
         return self.seek
 
-    def _say_again(self, reader: Any, connections: list[Any], start_ns: int) -> None:
+    def _publish_latched(self, reader: Any, connections: list[Any], start_ns: int) -> None:
         """Routes and mounting poses from before the start, which are sent once."""
         latched = [c for c in connections if topics.BY_NAME[c.topic].qos.latched]
         last: dict[str, bytes] = {}

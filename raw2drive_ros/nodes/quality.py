@@ -65,7 +65,7 @@ class LossCounter:
         return SubscriptionEventCallbacks(message_lost=on_lost)
 
 
-class _Seldom(ReentrantCallbackGroup):
+class _WindowedGroup(ReentrantCallbackGroup):
     """Looked at in one window of each second.
 
     rclpy builds its wait set anew for nearly every message, and every event of every topic has its share in the cost.
@@ -75,9 +75,9 @@ class _Seldom(ReentrantCallbackGroup):
         return time.monotonic() % _PERIOD_S < _WINDOW_S
 
 
-def _look_seldom(endpoint: Any, events: tuple[Any, ...]) -> Any:
+def _handle_in_windows(endpoint: Any, events: tuple[Any, ...]) -> Any:
     """Peers with another type or QoS are warned of as rclpy does, within some _PERIOD_S."""
-    group = _Seldom()
+    group = _WindowedGroup()
     for handler in endpoint.event_handlers:
         if handler.event_type in events:
             handler.callback_group = group
@@ -87,7 +87,7 @@ def _look_seldom(endpoint: Any, events: tuple[Any, ...]) -> Any:
 
 def make_publisher(node: Node, topic: str) -> Publisher:
     spec = topics.BY_NAME[topic]
-    return _look_seldom(
+    return _handle_in_windows(
         node.create_publisher(
             message_class(spec.msgtype), topic, profile_of(spec), event_callbacks=PublisherEventCallbacks()
         ),
@@ -105,7 +105,7 @@ def make_subscription(
     depth: int | None = None,
 ) -> Subscription:
     spec = topics.BY_NAME[topic]
-    return _look_seldom(
+    return _handle_in_windows(
         node.create_subscription(
             message_class(spec.msgtype),
             topic,

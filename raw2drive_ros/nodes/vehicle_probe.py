@@ -84,7 +84,7 @@ class VehicleProbeNode(Node):
         # Others have to be found before it can be said that they are not there.
         self._spin(executor, LOOK_S)
         deadline = time.monotonic() + LOOK_LONGER_S
-        while time.monotonic() < deadline and not all(map(self.count_publishers, self.names)) and self._goes_on:
+        while time.monotonic() < deadline and not all(map(self.count_publishers, self.names)) and self._running:
             self._spin(executor, 0.2)
         self._look_at_graph()
         for name in self.names:
@@ -209,7 +209,7 @@ class VehicleProbeNode(Node):
         return trial
 
     def _require_safe(self) -> None:
-        if not self._goes_on:
+        if not self._running:
             raise UnsafeError('interrupted')
         blind_s = time.monotonic() - self.odometry_at_s
         if blind_s > self.odometry_good_s:
@@ -228,12 +228,12 @@ class VehicleProbeNode(Node):
         self.trial = None
 
     @property
-    def _goes_on(self) -> bool:
+    def _running(self) -> bool:
         return rclpy.ok() and not self.stop.requested
 
     def _spin(self, executor: SingleThreadedExecutor, seconds: float) -> None:
         deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0 and self._goes_on:
+        while (left := deadline - time.monotonic()) > 0 and self._running:
             executor.spin_once(timeout_sec=min(left, 0.2))
 
     def _ask(self, output: Any, control: Control) -> None:

@@ -18,13 +18,13 @@ from rosbags.rosbag2 import Reader
 from raw2drive_ros import topics
 from raw2drive_ros.errors import BagError
 from raw2drive_ros.recording.bag_info import provenance_of
-from raw2drive_ros.recording.bag_reader import begin_ns, messages_in, open_bag, said_once
+from raw2drive_ros.recording.bag_reader import begin_ns, is_latched, messages_in, open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter
 
 # No wall clock shows a time so near 1970, ten years, and no simulation runs so long.
 SIMULATED_BELOW_NS = 10 * 365 * 86_400 * 10**9
 # Topics with one message for each stamp. A gate says the same command again, under its stamp but as its own.
-ONE_A_STAMP = frozenset(
+ONE_PER_STAMP = frozenset(
     spec.name
     for spec in topics.TOPICS
     if not spec.qos.latched and spec.name not in (topics.CLOCK, topics.DIAGNOSTICS, topics.PROPOSED, topics.COMMAND)
@@ -71,7 +71,7 @@ def cut(
                 if stamp_ns >= end_ns:
                     continue
                 if stamp_ns < start_ns:
-                    if said_once(connection):
+                    if is_latched(connection):
                         latched[connection.topic] = connection, bytes(data)
                     continue
                 for topic, (source, old) in latched.items():
@@ -129,7 +129,7 @@ def merge(bags: list[Path], out: Path) -> Merged:
                     if copies[number] <= max((n for bag, n in copies.items() if bag != number), default=0):
                         doubled += 1
                         continue
-                    if topic in ONE_A_STAMP and says.setdefault(topic, number) != number:
+                    if topic in ONE_PER_STAMP and says.setdefault(topic, number) != number:
                         raise BagError(
                             f'{bags[number]} and {bags[says[topic]]}: different {topic} at {stamp_ns} ns: '
                             'these are different drives, which cannot be one bag'

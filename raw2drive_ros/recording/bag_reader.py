@@ -88,14 +88,14 @@ def messages_in(reader: Reader, **selection: Any) -> Iterator[tuple[Any, int, by
         yield item
 
 
-def said_once(connection: Any) -> bool:
+def is_latched(connection: Any) -> bool:
     """Is it a topic whose messages are sent once and kept for who comes later?"""
     return any(qos.durability.name == 'TRANSIENT_LOCAL' for qos in connection.ext.offered_qos_profiles)
 
 
 def begin_ns(reader: Reader) -> int:
     """Where the bag begins: what is said once may have been stamped hours before."""
-    flowing = [connection for connection in reader.connections if not said_once(connection)]
+    flowing = [connection for connection in reader.connections if not is_latched(connection)]
     for _, stamp, _ in messages_in(reader, connections=flowing) if flowing else ():
         return int(stamp)
     return int(reader.start_time)

@@ -103,7 +103,7 @@ def _qos(profile: topics.QosProfile) -> Qos:
         QosTime(0, 0),
         QosLiveliness.AUTOMATIC,
         QosTime(0, 0),
-        False,
+        avoid_ros_namespace_conventions=False,
     )
 
 

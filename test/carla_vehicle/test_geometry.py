@@ -51,7 +51,7 @@ def test_cameras_stand_where_the_rig_says() -> None:
 
 
 @pytest.mark.parametrize('change', [(0, 2, 20.0), (1, 1, 5.0)])
-def test_cameras_that_carla_has_not_are_refused(change) -> None:
+def test_cameras_that_carla_cannot_model_are_refused(change) -> None:
     row, column, by = change
     intrinsics = camera_rig(96, 160)[0].intrinsics.copy()
     intrinsics[row, column] += by

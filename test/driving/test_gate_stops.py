@@ -59,7 +59,7 @@ def test_brakes_that_fade_after_a_while_are_noticed(until, state) -> None:
     assert gate.state is state
 
 
-def test_a_stop_without_odometry_goes_by_time_alone() -> None:
+def test_a_stop_without_odometry_depends_on_time_alone() -> None:
     gate = driving_gate()
     gate.tick(at(0.31))
     for i in range(4, 60):

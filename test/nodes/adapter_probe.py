@@ -43,7 +43,7 @@ def phase(seconds: float, control: Control | None, *, moving: bool = True) -> li
 
 while not (commands.get_subscription_count() and odometry.get_subscription_count() and heard):
     rclpy.spin_once(node, timeout_sec=0.1)
-told = {
+outputs = {
     'before': phase(1.0, None),
     'left': phase(1.0, Control(1.0, 0.0, 0.5)),
     'silence': phase(1.6, None),
@@ -51,6 +51,6 @@ told = {
     'again': phase(1.0, Control(1.0, 0.0, 0.5)),
     'no odometry': phase(2.0, Control(1.0, 0.0, 0.5), moving=False),
 }
-print(json.dumps(told))
+print(json.dumps(outputs))
 node.destroy_node()
 rclpy.shutdown()

@@ -9,8 +9,8 @@ from raw2drive_ros.graph.processes import reserve_domain, running_graph
 def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, capsys) -> None:
     def call(*words: str) -> tuple[int, str]:
         code = main(['call', *words, '--domain', str(domain)])
-        told = capsys.readouterr()
-        return code, told.out + told.err
+        captured = capsys.readouterr()
+        return code, captured.out + captured.err
 
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
         graph.start('safety_gate', {}, sim_time=False)
@@ -43,6 +43,6 @@ def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, caps
 
 
 @pytest.mark.parametrize('words', [['seek'], ['/player/seek', '--set', 'start_s'], ['--set', 'a=1']])
-def test_wrong_usage_is_said_before_anything_starts(words, capsys) -> None:
+def test_wrong_usage_is_reported_before_anything_starts(words, capsys) -> None:
     assert main(['call', *words]) == 2
     assert capsys.readouterr().err.startswith('error: ')

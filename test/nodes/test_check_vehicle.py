@@ -52,7 +52,7 @@ def test_our_bridge_and_the_example_keep_the_contract(tmp_path, start, motion) -
         assert [v['check'] for v in verdicts if v['severity'] == 'skipped'][-1] == 'motion'
 
 
-def test_an_empty_graph_lacks_everything(tmp_path) -> None:
+def test_an_empty_graph_fails_and_is_not_moved(tmp_path) -> None:
     with reserve_domain(None) as domain:
         code, verdicts = check(domain, '--allow-motion')
     assert code == 1

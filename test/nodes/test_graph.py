@@ -67,7 +67,7 @@ def test_rule_driver_as_sim_driver_scores_as_it_does_in_process() -> None:
     assert seen == [(1, str(routes[0])), (2, str(routes[1]))]
 
 
-def test_nothing_is_lost_and_figures_are_there(driven) -> None:
+def test_nothing_is_lost_and_timing_is_reported(driven) -> None:
     _, _, timing = driven
     assert timing['messages_lost'] == 0
     assert timing['commands_missed'] == 0

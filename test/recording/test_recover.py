@@ -130,7 +130,7 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_saved(bag, tmp_path) -> None:
     assert 0 < sum(found.counts.values()) < bag_info(bag)['messages']
 
 
-def test_nothing_to_recover_is_said_and_leaves_nothing(tmp_path) -> None:
+def test_nothing_to_recover_is_an_error_and_leaves_nothing(tmp_path) -> None:
     (tmp_path / 'noise.mcap').write_bytes(bytes(range(256)) * 10)
     with pytest.raises(BagError, match='not a single message'):
         recover(tmp_path / 'noise.mcap', tmp_path / 'saved')
