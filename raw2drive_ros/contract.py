@@ -1,4 +1,4 @@
-"""Data that crosses borders between rooms: shapes, units, frames, and `validate()`.
+"""Types that are passed between packages, with their shapes, units, frames and `validate()`.
 
 Frames follow REP-103 and REP-105: `map` and `base_link` are right-handed, x forward (or east),
 y left, z up; yaw is counter-clockwise positive; units are SI. Cameras use optical frames
@@ -123,7 +123,7 @@ class CameraCalibration:
         return self
 
     def equals(self, other: CameraCalibration) -> bool:
-        """The same camera, to the last bit."""
+        """Whether both calibrations are bitwise identical."""
         return (
             (self.name, self.width, self.height) == (other.name, other.width, other.height)
             and np.array_equal(self.intrinsics, other.intrinsics)
@@ -157,9 +157,10 @@ class SensorFrame:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What a driver answers to one frame, with the identity of what decided.
+    """A driver's output for one frame.
 
-    stamp_ns: stamp of the frame that it answers. action: index in the action table, or -1.
+    stamp_ns: stamp of that frame. action: index in the action table, or -1 where the driver chose no entry of it.
+    info: extras of the driver, such as the action's probability.
     """
 
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""Checks of a vehicle that only listen."""
+"""Checks of a vehicle that only listen to it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def expected(cameras: tuple[str, ...], *, compressed: bool) -> list[str]:
 
 
 def judge(seen: Observation, rig: tuple[CameraCalibration, ...], *, compressed: bool = False) -> list[Verdict]:
-    """Every check of what was seen; rig: the bundle's cameras."""
+    """All checks of what was observed. rig: the bundle's cameras."""
     cameras = tuple(camera.name for camera in rig)
     names = expected(cameras, compressed=compressed)
     return [

@@ -1,6 +1,6 @@
-"""A server that is none: the calls that our client makes, answered with CARLA's own types where those can be made.
+"""A stand-in for a CARLA server: answers the calls of our client, with CARLA's own types where they can be made.
 
-It drives straight on, and reports pictures in a thread as a server does. What a real server measures, it cannot show.
+Its car drives straight on, and it delivers images in a thread as a server does. Its measurements are not realistic.
 """
 
 import threading
@@ -51,7 +51,7 @@ class Blueprint:
 
 
 class World:
-    """silent: a sensor that stops to report. sticky: an actor that cannot be destroyed."""
+    """silent: a sensor that delivers nothing. sticky: an actor that cannot be destroyed."""
 
     def __init__(self) -> None:
         self.settings, self.actors = carla.WorldSettings(), []

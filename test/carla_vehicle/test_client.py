@@ -1,4 +1,4 @@
-"""Our client: real errors of CARLA's client without a server, and its calls against a stand-in with one."""
+"""Our client: real errors of CARLA's client without a server, and its calls against a stand-in for a server."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Measurements of one frame, from threads in any order."""
+"""Measurements of one frame, which arrive from threads in any order."""
 
 import random
 import threading

@@ -1,4 +1,4 @@
-"""CARLA's axes against ours, checked with the types of CARLA's own client."""
+"""Conversion between CARLA's axes and ours, checked with the types of CARLA's own client."""
 
 import math
 
@@ -18,7 +18,7 @@ metres = st.floats(-100.0, 100.0)
 
 
 def matrix_of(place, turn) -> np.ndarray:
-    """By the client itself."""
+    """(4, 4) pose as CARLA's client computes it."""
     return np.array(carla.Transform(carla.Location(*place), carla.Rotation(*turn)).get_matrix())
 
 

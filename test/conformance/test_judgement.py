@@ -1,4 +1,4 @@
-"""Each way to break the vehicle's contract gets its verdict, with a remedy."""
+"""Each way to violate the vehicle's contract gets a verdict with a remedy."""
 
 import numpy as np
 import pytest

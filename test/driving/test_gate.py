@@ -1,4 +1,4 @@
-"""What the gate lets through and what stops the car: valid, invalid and limited proposals, any order of events."""
+"""What the gate passes on and what stops the car: valid, invalid and limited proposals, any order of events."""
 
 import math
 
@@ -106,7 +106,7 @@ def test_the_first_command_is_rate_limited_from_the_held_brake() -> None:
     gate = Gate(motion=MotionLimits(max_jerk_mps3=10.0, max_steer_rate_1ps=1.0))
     answer = gate.propose(proposal(0.0, Control(1.0, 0.0, 1.0)), at(0.0))
     assert answer.throttle == 0.0
-    # Two pedals' rates and one wheel's for a millisecond.
+    # The jerk and steering rate limits over one millisecond.
     assert answer.brake == pytest.approx(gate.limits.hold_brake - 0.01 / 8.0)
     assert answer.steer == pytest.approx(0.001)
 

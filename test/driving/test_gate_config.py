@@ -1,4 +1,4 @@
-"""`params/gate.yaml`: the shipped file is what the classes say, and a wrong one names its field."""
+"""`params/gate.yaml`: the shipped file equals the defaults of the classes, and errors name the wrong field."""
 
 import math
 

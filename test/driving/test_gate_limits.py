@@ -1,4 +1,4 @@
-"""Limits of the gate one by one: what changes a command, by how much, and what leaves it alone."""
+"""Limits of the gate one by one: what changes a command and by how much, and what does not."""
 
 import math
 from collections import deque

@@ -1,4 +1,4 @@
-"""The gate and time: proposals that stop, come late or out of order, clocks that stand or go back, odometry."""
+"""The gate and time: missing, late or out-of-order proposals, clocks that freeze or go back, missing odometry."""
 
 import math
 

@@ -7,7 +7,7 @@ WELL = [Line(alarming=False, text='nominal: all sensors are well')]
 
 
 class MonitoredInputs:
-    """A monitor and what a log says of it."""
+    """A sensor monitor together with its log lines."""
 
     def __init__(self) -> None:
         self.monitor, self.report = SensorMonitor(('front',)), HealthReport()

@@ -1,4 +1,4 @@
-"""Calibrations on their way to the planner: converted when they change, and no decision once one cannot be used."""
+"""Calibrations for the planner: converted only when they change, and no decisions once one is unusable."""
 
 import pytest
 
@@ -15,7 +15,7 @@ FACTORY = RosbagsFactory()
 
 @pytest.fixture
 def calibrated(bundle):
-    """A planner that knows every camera, its inputs and what they refused."""
+    """A planner with the calibration of every camera, its inputs, and what they refused."""
     planner, refused = RawPlanner(load_bundle(bundle), MonitorLimits()), []
     inputs = PlannerInputs(planner, on_refused=lambda name, why: refused.append((name, why)))
     for camera in planner.bundle.rig:

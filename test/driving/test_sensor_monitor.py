@@ -1,4 +1,4 @@
-"""Sensors that are not fit to drive by: each fault, its state, and that healthy ones raise nothing."""
+"""Sensor data that is not fit for driving: each fault and its health; healthy sensors give no findings."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def picture() -> np.ndarray:
 
 
 def feed(monitor: SensorMonitor, tick: int, speed_mps: float = 5.0, leave_out: str = '', **images) -> None:
-    """One tick of everything; images by camera name replace the random ones."""
+    """One tick of all inputs; images by camera name replace the random ones."""
     stamp_ns = tick * TICK_NS
     for name in (*CAMERAS, 'imu', 'odometry'):
         if name != leave_out:

@@ -1,4 +1,4 @@
-"""Faults on messages: what is lost, late, frozen or false, when, and the same again with the same seed."""
+"""Faults on messages: what is lost, late, frozen or wrong, and when; the same seed gives the same faults."""
 
 import numpy as np
 import pytest

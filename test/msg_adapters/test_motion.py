@@ -1,4 +1,4 @@
-"""Pedals and steering as motion: signs, bounds, and agreement with a car that is driven by the same pedals."""
+"""Pedals and steering converted to motion: signs, bounds and symmetry."""
 
 import math
 

@@ -216,7 +216,7 @@ def test_rclpy_and_rosbags_read_each_others_bytes() -> None:
     rclpy, rosbags = FACTORIES['rclpy'], FACTORIES['rosbags']
     ours = rosbags.serialize(commands.decision_to_message(rosbags, decision), 'sensor_msgs/msg/JointState')
     assert commands.decision_from_message(deserialize_message(ours, JointState)) == decision
-    # rclpy's buffer is as long as its size estimate; what is beyond the message is not part of it.
+    # rclpy's buffer has the size of its estimate: bytes beyond the message do not belong to it.
     theirs = bytes(serialize_message(commands.decision_to_message(rclpy, decision)))[: len(ours)]
     read = rosbags.deserialize(theirs, 'sensor_msgs/msg/JointState')
     assert commands.decision_from_message(read) == decision

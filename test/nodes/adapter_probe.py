@@ -1,4 +1,4 @@
-"""Gives a command adapter commands, silence and NaN, and tells what comes of them; run by test_command_adapter.py."""
+"""Sends a command adapter commands, nothing and NaN, and prints its output; run by test_command_adapter.py."""
 
 import json
 import math
@@ -28,7 +28,7 @@ sample = OdometrySample(1, 0.0, 0.0, 0.0, 8.0, 0.0)
 
 
 def phase(seconds: float, control: Control | None, *, moving: bool = True) -> list[tuple[float, float]]:
-    """What came out in the second half of a phase."""
+    """(speed, yaw rate) of the output in the second half of a phase."""
     begin = time.monotonic()
     while (spent := time.monotonic() - begin) < seconds:
         if spent < seconds / 2:

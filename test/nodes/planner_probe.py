@@ -1,6 +1,6 @@
-"""A probe that does everything wrong to a planner and a gate; run by test_probes.py in a process of its own.
+"""A probe that sends invalid requests and messages to a planner and a gate; run by test_probes.py as a process.
 
-Prints one JSON line: what was answered to each wrong request, and whether both nodes still work afterwards.
+Prints one JSON line: the answer to each invalid request, and whether both nodes still work afterwards.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Steers a player through its services and prints what /clock said meanwhile; run by test_player.py."""
+"""Controls a player through its services and prints the /clock stamps meanwhile; run by test_player.py."""
 
 import json
 import time
@@ -26,7 +26,7 @@ node.create_subscription(
 
 
 def listen(seconds: float) -> list[int]:
-    """The stamps since the last call, after so many seconds more."""
+    """Listen for `seconds`; the stamps since the last call."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         rclpy.spin_once(node, timeout_sec=0.05)

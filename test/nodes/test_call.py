@@ -1,4 +1,4 @@
-"""`raw2drive call`: services of running nodes, their refusals, and names that nobody has."""
+"""`raw2drive call`: services of running nodes, refusals, and unknown names."""
 
 import pytest
 
@@ -38,7 +38,7 @@ def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, caps
             assert code == 1
             assert why in text
         graph.check()
-        # Nothing of what was refused together was set.
+        # Parameters that were refused together were not set.
         assert call('/player/pause', 'True') == (0, 'paused at 4000000000 ns\n')
 
 

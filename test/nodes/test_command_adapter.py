@@ -1,4 +1,4 @@
-"""The command adapter between real processes: what a car with TwistStamped gets."""
+"""The command adapter between real processes: what a car with TwistStamped receives."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Nodes survive what a probe does to them: invalid transitions, parameters, messages; and say why they refuse."""
+"""Nodes survive invalid transitions, parameters and messages, and give the reason of a refusal."""
 
 import json
 import subprocess

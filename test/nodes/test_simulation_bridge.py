@@ -1,4 +1,4 @@
-"""The bridge starts when every sensor topic has its listeners, and publishes what the topic table says."""
+"""The bridge starts when every sensor topic has its subscribers, and publishes what the topic table says."""
 
 import json
 import subprocess

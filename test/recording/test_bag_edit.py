@@ -36,7 +36,7 @@ def test_cut_keeps_latched_messages_and_the_chosen_topics(bag, tmp_path) -> None
 
 
 def test_a_cut_without_limits_loses_nothing_of_a_drive_by_the_wall_clock(tmp_path) -> None:
-    # Far from zero a float of nanoseconds is off by hundreds of them.
+    # A float64 of nanoseconds since 1970 is off by up to 128.
     first_ns = 1_764_000_000_123_456_701
     with BagWriter(tmp_path / 'old', {}) as writer:
         for number in range(5):
@@ -71,7 +71,7 @@ def test_merging_keeps_one_copy_of_duplicates_and_refuses_two_drives(bag, tmp_pa
 
 
 def test_the_parts_of_a_split_drive_are_merged_though_the_gate_repeats_itself(tmp_path) -> None:
-    # A gate on a car answers a proposal, and then says the same again under the same stamp.
+    # A gate on a car answers a proposal, and then repeats the command under the same stamp.
     factory = RosbagsFactory()
     recording = Recording(tmp_path / 'day', {}, split_s=1.05)
     for tick in range(30):

@@ -70,14 +70,14 @@ def test_a_ring_buffer_keeps_the_last_seconds_and_the_latched_messages(bag, tmp_
 
 def test_a_ring_buffer_forgets_by_arrival_whatever_the_stamps_say() -> None:
     ring = RingBuffer(2.0)
-    # Before the first /clock, diagnostics carry the wall's time: they must not stay, and must not drop the others.
+    # Before the first /clock, diagnostics have wall-clock stamps: they must neither stay nor drop the others.
     for stamp_s in (1.8e9, 0.0, 1.0, -5.0):
         ring.add(topics.DIAGNOSTICS, round(stamp_s * 1e9), b'wild', 10_000_000_000)
     for tick in range(100):
         ring.add(topics.IMU, tick, b'x' * 100, 10_000_000_000 + tick * 100_000_000)
     assert [held.stamp_ns for held in ring.held] == list(range(79, 100))
     assert ring.size == 2100
-    # A simulation that starts over.
+    # The simulation starts again.
     ring.add(topics.IMU, 5, b'y', 5)
     assert [held.stamp_ns for held in ring.held] == [5]
 

@@ -1,4 +1,4 @@
-"""Recordings that were killed or damaged: what is saved, and that nothing is overwritten."""
+"""Recordings that were killed or damaged: what is recovered, and that nothing is overwritten."""
 
 import os
 import random
@@ -24,7 +24,7 @@ from raw2drive_ros.recording.recover import recover
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# Writes numbered odometry for ever, prints each number once it is written, and flushes ten times a second.
+# Writes numbered odometry without end, prints each number once it is written, and flushes ten times a second.
 WRITER = """
 import sys, time
 from pathlib import Path
