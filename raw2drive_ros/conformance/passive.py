@@ -59,7 +59,7 @@ def _topics(seen: Observation, names: list[str]) -> Iterator[Verdict]:
             yield Verdict(check, 'passed', f'one, {spec.msgtype}')
         check = f'{name}: QoS'
         if spec.qos.latched and not topic.transient_local:
-            yield Verdict(check, 'error', 'volatile: who comes later never hears it', 'durability TRANSIENT_LOCAL')
+            yield Verdict(check, 'error', 'volatile: late subscribers never get it', 'durability TRANSIENT_LOCAL')
         elif spec.qos.reliable and not topic.reliable:
             yield Verdict(check, 'error', 'best effort: reliable subscribers do not match', 'reliability RELIABLE')
         else:
@@ -76,7 +76,8 @@ def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], *, com
         if not spec.rate_hz or spec.qos.latched or not topic.publishers:
             continue
         if len(stamps) < 3:
-            yield Verdict(f'{name}: rate', 'error', f'{len(stamps)} messages in {seen.seconds:.0f} s', 'publish on')
+            text = f'{len(stamps)} messages in {seen.seconds:.0f} s'
+            yield Verdict(f'{name}: rate', 'error', text, 'keep publishing')
             continue
         rate = (len(stamps) - 1) / max((stamps[-1] - stamps[0]) * 1e-9, 1e-9)
         close = 0.9 <= rate / spec.rate_hz <= 1.1

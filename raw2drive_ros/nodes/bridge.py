@@ -45,7 +45,7 @@ from raw2drive_ros.timing import load_timing
 # Nodes that subscribe to odometry and to no other sensor topic.
 ODOMETRY_ONLY = ('safety_gate', 'command_adapter')
 PARAMETERS: dict[str, tuple[Any, str]] = {
-    'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: the next three, then on'),
+    'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: endless, see scenario'),
     'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
     'seed': (0, 'seed for ~/reset and for endless driving'),
     'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
@@ -182,7 +182,7 @@ class BridgeNode(Node):
         self.executor_.spin_until_future_complete(answer, timeout_sec=self.timing.lock_step_timeout_s)
         if not answer.done():
             self.gate_start_over.remove_pending_request(answer)
-            self.get_logger().warning('the safety gate has not answered ~/start_over; a stop of its may go on')
+            self.get_logger().warning('the safety gate has not answered ~/start_over; a stop may stay latched')
 
     def _publish_again(self, tick: Tick) -> None:
         self._publish_route(tick)

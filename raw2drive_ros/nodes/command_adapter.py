@@ -39,7 +39,7 @@ class CommandAdapterNode(Node):
             self,
             {
                 'output': ('twist', f'what the vehicle takes: {", ".join(ADAPTERS)}'),
-                'topic': ('', 'where it listens (default: the custom of such vehicles)'),
+                'topic': ('', 'where it listens (default: the usual topic of such vehicles)'),
                 'config': ('', "the car's figures, as for the safety gate (default: params/gate.yaml)"),
                 'horizon_s': (0.5, 'how far ahead a speed is asked for: about the time its speed controller takes'),
             },

@@ -45,7 +45,7 @@ class RecorderNode(Node):
             {
                 'bag': ('', 'folder of the bag to write; must not exist'),
                 'provenance': ('{}', 'JSON mapping of strings that is kept in the bag'),
-                'flush_s': (0.5, 'hand what has arrived to the operating system so often: all that a kill can lose'),
+                'flush_s': (0.5, 'seconds between flushes to the operating system: the most that a kill can lose'),
                 'split_s': (0.0, 'close a bag and begin the next one after so many seconds; 0: never'),
                 'split_mb': (0.0, 'and after so many megabytes'),
                 'snapshot_s': (0.0, 'keep the last seconds in memory, write them on ~/save or when the gate stops'),
