@@ -16,7 +16,7 @@ from raw2drive_ros.faults.plan import load_plans, remapping
 
 
 def nodes(context: object) -> list[Node]:
-    """Remappings depend on the plan, so that the nodes are made when its name is known."""
+    """The nodes are made once the plan's name is known, because their remappings depend on the plan."""
     value = LaunchConfiguration
     plans = value('plans').perform(context)
     plan = value('plan').perform(context)

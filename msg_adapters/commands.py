@@ -1,4 +1,4 @@
-"""Control to and from the messages that vehicles take."""
+"""Decisions to and from JointState messages with named actuators."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ACTUATORS = ('throttle', 'brake', 'steer', 'reverse')
 
 
 def decision_to_message(factory: MessageFactory, decision: Decision) -> Any:
-    """Named actuators, the index of the action, and how long inference took; stamp of the input."""
+    """JointState with named actuators, action index and inference time (ms); its stamp is that of the input."""
     control = decision.control
     values = {
         'throttle': control.throttle,

@@ -15,7 +15,7 @@ from raw2drive_ros.errors import ContractError
 
 JPEG_QUALITY = 95
 _JPEG = (int(cv2.IMWRITE_JPEG_QUALITY), JPEG_QUALITY)
-# (name in `format`, file ending for OpenCV, its flags)
+# name in `format` -> (file extension for OpenCV, flags of its encoder)
 ENCODERS = {'jpeg': ('.jpg', _JPEG), 'png': ('.png', ())}
 
 

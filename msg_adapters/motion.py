@@ -1,4 +1,4 @@
-"""Pedals and steering as the motion that they ask of a car: for vehicles that take speeds and angles."""
+"""Converts pedals and steering into the requested motion, for vehicles that take speeds and angles."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from raw2drive_ros.contract import Control
 
-# Odometry of a standing car is noise of either sign.
+# Below this the car stands, and the sign of its measured speed is noise.
 STANDING_MPS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class CarFigures:
-    """wheelbase_m; max_steer_rad: wheel angle at steer 1; full pedals' accelerations (m/s2, both positive)."""
+    """max_steer_rad: road wheel angle at steer 1. full_throttle_mps2, full_brake_mps2: of full pedals, positive."""
 
     wheelbase_m: float
     max_steer_rad: float
@@ -23,7 +23,7 @@ class CarFigures:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """speed_mps: to be reached, negative backwards. acceleration_mps2: of that signed speed. Left is positive."""
+    """speed_mps: target, negative in reverse. acceleration_mps2: change of that signed speed. Left is positive."""
 
     speed_mps: float
     acceleration_mps2: float
@@ -32,10 +32,10 @@ class Motion:
 
 
 def motion_of(control: Control, speed_mps: float, car: CarFigures, horizon_s: float) -> Motion:
-    """What `control` does to a car that drives at `speed_mps` within `horizon_s`, on a kinematic bicycle.
+    """Motion of a kinematic bicycle that drives at `speed_mps` (signed) and follows `control` for `horizon_s` seconds.
 
-    The brake takes speed away and never turns it round: its target ends at 0, its acceleration does not, so that a
-    car that follows accelerations stops as hard as it is asked to. On a standing car it points against the gear.
+    Braking never reverses the direction of travel: the target speed stops at 0. The acceleration does not, so that a
+    car that follows accelerations brakes as hard as requested; on a standing car it points against the selected gear.
     """
     backwards = _backwards(control, speed_mps)
     push_mps2 = control.throttle * car.full_throttle_mps2 * (-1.0 if control.reverse else 1.0)
@@ -53,9 +53,9 @@ def motion_of(control: Control, speed_mps: float, car: CarFigures, horizon_s: fl
 
 
 def standstill(control: Control, car: CarFigures, last_mps: float = 0.0) -> Motion:
-    """Speed 0 and the brake of `control` (full where it has none): what is asked when the car's speed is unknown.
+    """Target speed 0 with the brake of `control` (full brake if it has none), for when the car's speed is unknown.
 
-    last_mps: the speed that was known last, for the sign of the brake's acceleration.
+    last_mps: last known speed; it decides the sign of the braking acceleration.
     """
     brake = (control.brake or 1.0) * car.full_brake_mps2
     backwards = _backwards(control, last_mps)

@@ -48,6 +48,7 @@ def bev_from_message(message: Any) -> NDArray[np.bool_]:
 
 
 def ego_to_message(factory: MessageFactory, frame: PrivilegedFrame) -> Any:
+    """The ego vector as a JointState with the names `EGO_FIELDS`, in `base_link`."""
     values = dict(zip(EGO_FIELDS, (float(v) for v in frame.ego), strict=True))
     return named_values_to_message(factory, values, frame.stamp_ns, BASE_FRAME)
 

@@ -20,12 +20,12 @@ CHANNELS_OF = {'rgb8': 3, 'bgr8': 3, 'rgba8': 4, 'bgra8': 4, 'mono8': 1}
 
 
 def optical_frame(camera: str) -> str:
-    """REP-103: the frame whose z looks out of the lens."""
+    """Frame id of a camera's optical frame (REP-103: z along the viewing direction)."""
     return f'camera_{camera}_optical'
 
 
 def new_image(factory: MessageFactory, camera: str, height: int, width: int) -> Any:
-    """An rgb8 Image whose buffer `fill_image` writes again and again."""
+    """An rgb8 Image with a preallocated buffer, which `fill_image` overwrites for every frame."""
     message = factory.new('sensor_msgs/msg/Image')
     message.header.frame_id = optical_frame(camera)
     message.height, message.width = height, width
@@ -35,7 +35,7 @@ def new_image(factory: MessageFactory, camera: str, height: int, width: int) -> 
 
 
 def fill_image(message: Any, image: Image8, time_ns: int) -> None:
-    """Write (H, W, 3) RGB pixels and a stamp into a message made by `new_image`, in place."""
+    """Write (H, W, 3) RGB pixels and a stamp into a message of `new_image`, in place. Raises ContractError."""
     if image.shape != (message.height, message.width, 3) or image.dtype != np.uint8:
         raise ContractError(f'fill_image: {image.dtype} {image.shape} into {message.height}x{message.width} rgb8')
     set_stamp(message.header.stamp, time_ns)
@@ -82,7 +82,7 @@ def camera_info_to_message(factory: MessageFactory, camera: CameraCalibration, t
 
 
 def calibration_from_messages(name: str, info: Any, extrinsics: Any) -> CameraCalibration:
-    """CameraInfo and the camera's TransformStamped (parent `base_link`). Raises ContractError."""
+    """CameraInfo and the camera's TransformStamped (parent `base_link`). Raises ContractError if unusable."""
     intrinsics = np.asarray(info.k, np.float64).reshape(3, 3)
     if intrinsics[0, 0] == 0.0:
         raise ContractError(f'camera {name} is uncalibrated (K[0] is 0)')
@@ -156,7 +156,7 @@ def odometry_from_message(message: Any) -> OdometrySample:
     """Raises ContractError for NaN or a zero quaternion."""
     pose, twist = message.pose.pose, message.twist.twist
     turn = pose.orientation
-    # Products, which become infinite, and not powers, which raise OverflowError.
+    # Products overflow to infinity; powers would raise OverflowError.
     norm = turn.x * turn.x + turn.y * turn.y + turn.z * turn.z + turn.w * turn.w
     if not abs(norm - 1.0) < 1e-2:
         raise ContractError(f'odometry orientation is not a unit quaternion (squared norm {norm})')

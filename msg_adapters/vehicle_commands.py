@@ -1,6 +1,6 @@
 """Control as the messages that other vehicles take: TwistStamped, Ackermann, Autoware, CARLA.
 
-Only TwistStamped is part of common_interfaces; the other packages are wanted when one of their messages is made.
+Only TwistStamped is part of common_interfaces; the packages of the others are imported when a message is made.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Make = Callable[[MessageFactory, Control, Motion, int], Any]
 
 @dataclass(frozen=True, slots=True)
 class CommandAdapter:
-    """msgtype: what it makes. topic: where such vehicles listen by default. make: see the functions below."""
+    """topic: default of such vehicles. make: one of the functions below. about: for help texts."""
 
     msgtype: str
     topic: str
@@ -36,7 +36,10 @@ def twist_to_message(factory: MessageFactory, control: Control, motion: Motion, 
 
 
 def ackermann_to_message(factory: MessageFactory, control: Control, motion: Motion, time_ns: int) -> Any:
-    """AckermannDriveStamped: angle of the virtual front wheel (left positive), speed, acceleration; rates are free."""
+    """AckermannDriveStamped: angle of the virtual front wheel (left positive), speed and acceleration.
+
+    Steering rate and jerk stay 0, which leaves them to the vehicle.
+    """
     message = _stamped(factory, 'ackermann_msgs/msg/AckermannDriveStamped', time_ns)
     drive = message.drive
     drive.steering_angle, drive.speed = motion.wheel_angle_rad, motion.speed_mps

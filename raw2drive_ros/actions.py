@@ -1,4 +1,4 @@
-"""The paper's 39 discrete actions, and the one place where its steering sign is turned to REP-103.
+"""The paper's 39 discrete actions, and the only place where their steering sign is converted to REP-103.
 
 Order and values follow the paper's table (appendix, "Discrete Actions") with one correction: the row
 of index 0 is printed with brake and steer exchanged; without the correction no action would brake.

@@ -1,8 +1,8 @@
-"""What bundles, teachers, checkpoints and caches are made of: folders and files that are whole or not there, hashes,
-permissions, and half-precision weights.
+"""What bundles, teachers, checkpoints and caches share: atomic writing of files and folders, hashes, permissions, and
+half-precision weights.
 
-Everything is written beside its target under a name that ends in `.partial` and moved there in one step, so a reader
-never meets half of it, whenever the writer is killed.
+Everything is written next to its target under a name that ends in `.partial` and then renamed, so that a reader never
+sees a half-written artifact, even when the writer is killed.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ def short_hash(data: bytes) -> str:
 
 
 def partial_name(target: Path) -> Path:
-    """Where this process writes `target` until it is whole; processes that write the same target do not collide."""
+    """Temporary path for writing `target`. It contains the process id, so that concurrent writers do not collide."""
     return target.with_name(f'.{target.name}.{os.getpid()}.partial')
 
 
 def write_whole(target: Path, content: str | bytes) -> Path:
-    """Write a file so that it holds all of `content`, or what it held before."""
+    """Write a file atomically: it holds either all of `content` or what it held before."""
     partial = partial_name(target)
     partial.write_bytes(content.encode() if isinstance(content, str) else content)
     return partial.replace(target)
@@ -44,7 +44,7 @@ def write_whole(target: Path, content: str | bytes) -> Path:
 
 @contextmanager
 def whole_folder(target: Path) -> Iterator[Path]:
-    """An empty folder to fill. When the block ends without an error it takes the place of `target`, else it goes."""
+    """Yields an empty folder to fill, which replaces `target` if the block ends without an error, else is deleted."""
     partial, old = partial_name(target), _old_name(target)
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
@@ -60,7 +60,7 @@ def whole_folder(target: Path) -> Iterator[Path]:
 
 
 def restore_folder(target: Path) -> None:
-    """Undo what a kill between the two renames of `whole_folder` left: the predecessor becomes `target` again."""
+    """Repair a kill between the two renames of `whole_folder`: the previous folder becomes `target` again."""
     old = _old_name(target)
     if old.is_dir() and not target.exists():
         old.replace(target)
@@ -72,7 +72,7 @@ def _old_name(target: Path) -> Path:
 
 
 def save_weights(folder: Path, tensors: Mapping[str, Tensor]) -> str:
-    """Write `WEIGHTS` as float16 and return its hash. Readable by everybody, because bundles are there to be shared."""
+    """Write `WEIGHTS` as float16 and return its hash. World-readable, because bundles are meant to be shared."""
     from safetensors.torch import save_file
 
     file = folder / WEIGHTS
@@ -82,7 +82,7 @@ def save_weights(folder: Path, tensors: Mapping[str, Tensor]) -> str:
 
 
 def load_weights(folder: Path, expected_hash: str, error: type[UserError]) -> dict[str, Tensor]:
-    """`WEIGHTS` as float32. Raises `error` when the file is too large or is not the one that was hashed."""
+    """`WEIGHTS` as float32. Raises `error` when the file is too large or its hash is not `expected_hash`."""
     from safetensors.torch import load_file
 
     file = folder / WEIGHTS
@@ -101,7 +101,7 @@ def part_of(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
 def check_manifest(
     path: Path, body: Mapping[str, Any], kind: str, format_read: int, hashes: Mapping[str, str], error: type[UserError]
 ) -> None:
-    """Raises `error` when a manifest has another format than `format_read`, or other `hashes` (name -> ours)."""
+    """Raises `error` unless the manifest has format `format_read` and our `hashes` (name -> value of this version)."""
     if body['format'] != format_read:
         raise error(f'{path}: {kind} format {body["format"]}, this version reads {format_read}')
     for name, ours in hashes.items():
@@ -110,7 +110,7 @@ def check_manifest(
 
 
 def model_card(title: str, purpose: str, figures: list[str], metadata: Mapping[str, Any]) -> str:
-    """The text of `CARD`; of long lists in the metadata only their length is shown, the manifest has them whole."""
+    """The text of `CARD`. Lists in the metadata are shown by their length only; the manifest holds them in full."""
     shown = {key: len(value) if isinstance(value, list) else value for key, value in metadata.items()}
     lines = [f'# {title}', '', purpose, '', *(f'- {figure}' for figure in figures)]
     lines += [f'- {key}: {value}' for key, value in shown.items()]

@@ -37,7 +37,7 @@ COLOURS = {
 
 
 def colour_masks(masks: NDArray[np.float32], names: list[str]) -> NDArray[np.uint8]:
-    """(C, H, W) probabilities -> (H, W, 3) RGB, classes painted over one another by probability."""
+    """(C, H, W) probabilities -> (H, W, 3) uint8 RGB, blended class by class with the probability as alpha."""
     picture = np.zeros((*masks.shape[1:], 3), np.float32)
     for name, colour in COLOURS.items():
         if name in names:

@@ -1,4 +1,4 @@
-"""Data that crosses borders between rooms: shapes, units, frames, and `validate()`.
+"""Types that are passed between packages, with their shapes, units, frames and `validate()`.
 
 Frames follow REP-103 and REP-105: `map` and `base_link` are right-handed, x forward (or east),
 y left, z up; yaw is counter-clockwise positive; units are SI. Cameras use optical frames
@@ -19,13 +19,13 @@ Float64 = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
 
 
-def _require(condition: bool, message: str) -> None:
-    if not condition:
+def _require(message: str, *, holds: bool) -> None:
+    if not holds:
         raise ContractError(message)
 
 
 def _finite(name: str, *values: float) -> None:
-    _require(bool(np.all(np.isfinite(values))), f'{name}: not finite: {values}')
+    _require(f'{name}: not finite: {values}', holds=bool(np.all(np.isfinite(values))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +43,9 @@ class Control:
 
     def validate(self) -> Control:
         _finite('Control', self.throttle, self.brake, self.steer)
-        _require(0.0 <= self.throttle <= 1.0, f'Control.throttle {self.throttle} outside [0, 1]')
-        _require(0.0 <= self.brake <= 1.0, f'Control.brake {self.brake} outside [0, 1]')
-        _require(-1.0 <= self.steer <= 1.0, f'Control.steer {self.steer} outside [-1, 1]')
+        _require(f'Control.throttle {self.throttle} outside [0, 1]', holds=0.0 <= self.throttle <= 1.0)
+        _require(f'Control.brake {self.brake} outside [0, 1]', holds=0.0 <= self.brake <= 1.0)
+        _require(f'Control.steer {self.steer} outside [-1, 1]', holds=-1.0 <= self.steer <= 1.0)
         return self
 
 
@@ -94,9 +94,9 @@ class Route:
 
     def validate(self) -> Route:
         points = self.checkpoints_m
-        _require(points.ndim == 2 and points.shape[1] == 2, f'Route: shape {points.shape}')
-        _require(len(points) >= 2, 'Route: needs at least two checkpoints')
-        _require(bool(np.isfinite(points).all()), 'Route: not finite')
+        _require(f'Route: shape {points.shape}', holds=points.ndim == 2 and points.shape[1] == 2)
+        _require('Route: needs at least two checkpoints', holds=len(points) >= 2)
+        _require('Route: not finite', holds=bool(np.isfinite(points).all()))
         return self
 
 
@@ -114,16 +114,16 @@ class CameraCalibration:
     base_from_camera: Float64
 
     def validate(self) -> CameraCalibration:
-        _require(self.width > 0 and self.height > 0, f'{self.name}: empty image')
-        _require(self.intrinsics.shape == (3, 3), f'{self.name}: intrinsics {self.intrinsics.shape}')
-        _require(self.base_from_camera.shape == (4, 4), f'{self.name}: extrinsics shape')
-        _require(bool(np.isfinite(self.intrinsics).all()), f'{self.name}: intrinsics not finite')
-        _require(bool(np.isfinite(self.base_from_camera).all()), f'{self.name}: extrinsics not finite')
-        _require(self.intrinsics[0, 0] > 0 and self.intrinsics[1, 1] > 0, f'{self.name}: focal length')
+        _require(f'{self.name}: empty image', holds=self.width > 0 and self.height > 0)
+        _require(f'{self.name}: intrinsics {self.intrinsics.shape}', holds=self.intrinsics.shape == (3, 3))
+        _require(f'{self.name}: extrinsics shape', holds=self.base_from_camera.shape == (4, 4))
+        _require(f'{self.name}: intrinsics not finite', holds=bool(np.isfinite(self.intrinsics).all()))
+        _require(f'{self.name}: extrinsics not finite', holds=bool(np.isfinite(self.base_from_camera).all()))
+        _require(f'{self.name}: focal length', holds=self.intrinsics[0, 0] > 0 and self.intrinsics[1, 1] > 0)
         return self
 
     def equals(self, other: CameraCalibration) -> bool:
-        """The same camera, to the last bit."""
+        """Whether both calibrations are bitwise identical."""
         return (
             (self.name, self.width, self.height) == (other.name, other.width, other.height)
             and np.array_equal(self.intrinsics, other.intrinsics)
@@ -144,11 +144,11 @@ class SensorFrame:
     odometry: OdometrySample
 
     def validate(self) -> SensorFrame:
-        _require(bool(self.images), 'SensorFrame: no images')
+        _require('SensorFrame: no images', holds=bool(self.images))
         for name, image in self.images.items():
             _require(
-                image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3,
                 f'SensorFrame: image {name} is {image.dtype} {image.shape}, not uint8 (H, W, 3)',
+                holds=image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3,
             )
         self.imu.validate()
         self.odometry.validate()
@@ -157,9 +157,10 @@ class SensorFrame:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What a driver answers to one frame, with the identity of what decided.
+    """A driver's output for one frame.
 
-    stamp_ns: stamp of the frame that it answers. action: index in the action table, or -1.
+    stamp_ns: stamp of that frame. action: index in the action table, or -1 where the driver chose no entry of it.
+    info: extras of the driver, such as the action's probability.
     """
 
     stamp_ns: int

@@ -1,25 +1,25 @@
 """Every error class of the project. A `UserError` becomes one line on stderr and its `exit_code`; see `cli.guard`.
 
-They also keep the built-in kind that they are of (ValueError, OSError, ...), for callers that know nothing of this
-project.
+Each class also inherits from the matching built-in exception (ValueError, OSError, ...), for callers that do not know
+this module.
 """
 
 from __future__ import annotations
 
 
 class UserError(Exception):
-    """Something that a user can cause and mend. The message says what is wrong, where, and what to do."""
+    """An error that a user can cause and fix. The message says what is wrong, where, and what to do."""
 
     exit_code = 1
 
 
 class UsageError(UserError, ValueError):
-    """The command line asks for something that does not go together."""
+    """Options of the command line are missing, wrong or contradict one another."""
 
     exit_code = 2
 
 
-# -- borders ----------------------------------------------------------------------------------------
+# -- data and configuration -------------------------------------------------------------------------
 
 
 class ContractError(UserError, ValueError):
@@ -55,17 +55,17 @@ class UnknownWeatherError(UserError, ValueError):
 
 
 class RouteIdError(UserError, ValueError):
-    """Text that names no route."""
+    """A text that is not a valid route id."""
 
     exit_code = 2
 
 
 class LayoutError(UserError, ValueError):
-    """The pieces of a road layout run into one another."""
+    """Pieces of a road layout overlap."""
 
 
 class UnfairScenarioError(UserError, RuntimeError):
-    """Hardly any draw of a scenario type is fair: the type needs mending."""
+    """Too few draws of a scenario type are fair: the type itself needs fixing."""
 
 
 # -- bags -------------------------------------------------------------------------------------------
@@ -76,11 +76,11 @@ class BagError(UserError, RuntimeError):
 
 
 class BagExistsError(UserError, FileExistsError):
-    """The target bag exists already, or what a killed recorder left of it; neither is ever overwritten."""
+    """The target bag, or what a killed recorder left of it, already exists; neither is ever overwritten."""
 
 
 class DiskFullError(UserError, OSError):
-    """Less than the stated space is left on the disk."""
+    """Too little free space on the disk; the message says how much is left and how much is needed."""
 
 
 # -- models and training ----------------------------------------------------------------------------
@@ -118,7 +118,7 @@ class ResultsError(UserError, RuntimeError):
 
 
 class SoakError(UserError, RuntimeError):
-    """A file of soak samples that is not one."""
+    """A file does not hold soak samples."""
 
 
 # -- graph and vehicles -----------------------------------------------------------------------------
@@ -129,15 +129,15 @@ class NodeError(UserError, RuntimeError):
 
 
 class GraphError(UserError, RuntimeError):
-    """A process of the graph failed; the message has its last words."""
+    """A process of the graph failed; the message says how it ended."""
 
 
 class DomainBusyError(UserError, RuntimeError):
-    """The ROS domain is used by another graph of ours."""
+    """The ROS domain is out of range or in use by another raw2drive graph."""
 
 
 class UnsafeError(UserError, RuntimeError):
-    """The car must not be moved on; the message says why."""
+    """Moving the car any further would be unsafe; the message says why."""
 
 
 class CarlaError(UserError, RuntimeError):

@@ -37,11 +37,11 @@ class PrivilegedFrame:
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """What led to the frame of the same stamp.
+    """The step that led to the frame with the same stamp.
 
-    action: index of the executed action in the action table, the nearest one when the driver was
-    continuous, -1 at the first frame. reward_terms: named parts; `reward` is what is learnt from
-    (spec 2.3). is_terminal: failure, nothing follows. is_last: the episode ends here, failed or not.
+    action: index of the executed action in the action table, the nearest one for continuous commands,
+    -1 at the first frame. reward: the training signal; reward_terms: its named parts. is_terminal: the
+    episode failed, with no future reward. is_last: the episode ends here, failed or not.
     """
 
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""Progress bars on a terminal, one line now and then elsewhere."""
+"""A progress bar on a terminal, an occasional line elsewhere."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ PHYSICS_HZ = 20
 SUBSTEPS = PHYSICS_HZ // DECISION_HZ
 DECISION_NS = 1_000_000_000 // DECISION_HZ
 PHYSICS_NS = 1_000_000_000 // PHYSICS_HZ
-# The route is latched, and repeated for who has lost it.
+# The route is latched; it is repeated for subscribers that missed it.
 ROUTE_HZ = 1
 ROUTE_EVERY_TICKS = DECISION_HZ // ROUTE_HZ
 DIAGNOSTICS_HZ = 1

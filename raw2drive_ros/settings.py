@@ -1,4 +1,4 @@
-"""Files in `params/`: where they are, and YAML read into strict models, with one clear error for whatever is wrong."""
+"""Locates the files of `params/` and reads YAML into strict models; whatever is wrong becomes one clear ConfigError."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from raw2drive_ros.errors import ConfigError
 
 
 class Strict(BaseModel):
-    """Frozen, and every key must be known."""
+    """A frozen model that rejects unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra='forbid')
 
@@ -33,7 +33,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f'cannot read {path}: {error.strerror}') from error
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        # Not text at all, dates that are none, keys that cannot be keys, brackets without end.
+        # Bytes that are not text, impossible dates, unhashable keys, endlessly nested brackets.
         raise ConfigError(f'{path} is not valid YAML: {error}') from error
     if not isinstance(loaded, dict):
         raise ConfigError(f'{path}: expected a mapping')
@@ -54,7 +54,7 @@ def load_strict(kind: type[Model], path: Path) -> Model:
 
 
 def problems(error: ValidationError) -> str:
-    """All in one line, unknown keys first: a mistyped one is the cause of a missing one."""
+    """All validation errors on one line, unknown keys first: a misspelt key is often why another one is missing."""
     found = [(each['type'], '.'.join(str(part) for part in each['loc']), each['msg']) for each in error.errors()]
     unknown = [where for kind, where, _ in found if kind == 'extra_forbidden']
     missing = [where for kind, where, _ in found if kind == 'missing']

@@ -31,5 +31,5 @@ class Timing(Strict):
 
 
 def load_timing(path: Path | None = None) -> Timing:
-    """Raises ConfigError that names the field."""
+    """Read `path`, or the shipped file. Raises ConfigError that names the field."""
     return load_strict(Timing, path or params_folder() / 'timing.yaml')

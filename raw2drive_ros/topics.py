@@ -25,19 +25,22 @@ PRIVILEGED_PREFIX = '/privileged/'
 
 
 def image_topic(camera: str) -> str:
+    """Topic of a camera's raw images."""
     return f'/sensing/camera/{camera}/image_raw'
 
 
 def compressed_topic(camera: str) -> str:
-    """Beside the raw topic, where image_transport puts it."""
+    """Topic of a camera's compressed images: below the raw topic, as image_transport names it."""
     return f'{image_topic(camera)}/compressed'
 
 
 def camera_info_topic(camera: str) -> str:
+    """Topic of a camera's intrinsics."""
     return f'/sensing/camera/{camera}/camera_info'
 
 
 def extrinsics_topic(camera: str) -> str:
+    """Topic of a camera's mounting pose."""
     return f'/sensing/camera/{camera}/extrinsics'
 
 
@@ -45,8 +48,8 @@ def extrinsics_topic(camera: str) -> str:
 class Publisher(Enum):
     """Who publishes a topic; the values are what `docs/topics.md` prints, and no code reads them.
 
-    A bridge takes the vehicle's place: each one publishes CLOCK_SOURCE and VEHICLE, and only that of the simulation
-    SIMULATION, which no vehicle can measure. A player takes the place of either.
+    A bridge stands in for the vehicle: every bridge publishes the topics of CLOCK_SOURCE and VEHICLE. Only the
+    simulation bridge also publishes those of SIMULATION, which no vehicle can measure. A player can replace either.
     """
 
     CLOCK_SOURCE = 'bridge or player'
@@ -60,10 +63,10 @@ class Publisher(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QosProfile:
-    """What a publisher offers and our subscriptions ask for; always KEEP_LAST.
+    """QoS that publishers offer and our subscriptions request; the history is always KEEP_LAST.
 
-    reliable: RELIABLE, otherwise BEST_EFFORT. latched: TRANSIENT_LOCAL, otherwise VOLATILE. depth: messages that are
-    kept for a subscriber which is busy, and for late ones where latched.
+    reliable: RELIABLE, otherwise BEST_EFFORT. latched: TRANSIENT_LOCAL, otherwise VOLATILE. depth: messages queued for
+    a busy subscriber and, where latched, kept for late subscribers.
     """
 
     reliable: bool = True
@@ -81,7 +84,7 @@ COMMAND_QOS = QosProfile(depth=1)
 PRIVILEGED_QOS = QosProfile(depth=5)
 DIAGNOSTICS_QOS = QosProfile(depth=10)
 
-# The rate of what is sent once, and again when it changes.
+# Rate of topics that are published once, and again on every change.
 ON_CHANGE = 0
 
 
@@ -89,7 +92,7 @@ ON_CHANGE = 0
 class TopicSpec:
     """One row: message type, rate in Hz (or ON_CHANGE), QoS, publisher, and what it carries (prose for the document).
 
-    optional: not always there: in place of another topic when a parameter says so, or in collected bags only.
+    optional: not always present: it replaces another topic when a parameter says so, or exists in collected bags only.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """A complete vehicle interface for a car that is not highway-env's: the file to copy for your own.
 
-Its plant is a bicycle with a steering rate; its pictures are a painted ground seen through pinholes. Its stamps are
-system time, as on a car. In three terminals:
+The plant is a kinematic bicycle with a limited steering rate; the cameras see a painted ground through pinholes. Stamps
+are system time, as on a car. In three terminals:
 
     python examples/vehicle_interface/toy_vehicle.py
     raw2drive check-vehicle --allow-motion            # with nothing else running
@@ -44,12 +44,12 @@ from raw2drive_ros.rates import PHYSICS_HZ, ROUTE_HZ, SUBSTEPS
 from raw2drive_ros.timing import load_timing
 
 PIXELS_PER_M, GRAVITY_MPS2 = 8, 9.81
-GROUND_M = (-40.0, -40.0, 240.0, 40.0)  # x and y from, x and y to
+GROUND_M = (-40.0, -40.0, 240.0, 40.0)  # x_min, y_min, x_max, y_max in `map`
 SKY, GRASS, ROAD, LINE = (150, 190, 230), (70, 110, 60), (90, 90, 95), (230, 230, 230)
 
 
 def calibrations(settings: dict) -> list[CameraCalibration]:
-    """Pinholes from the YAML. Optical axes: z forward, x right, y down (REP-103)."""
+    """Pinhole cameras from the YAML. Optical axes: z forward, x right, y down (REP-103)."""
     height, width = settings['camera_size']
     cameras = []
     for name, (x, y, z, yaw_deg, fov_deg) in settings['cameras'].items():
@@ -65,7 +65,7 @@ def calibrations(settings: dict) -> list[CameraCalibration]:
 
 
 def painted_ground() -> np.ndarray:
-    """A straight road with two lanes along x, from above."""
+    """A straight road with two lanes along x, from above: (y, x, 3) uint8 RGB over GROUND_M."""
     x0, y0, x1, y1 = GROUND_M
     ground = np.full((round((y1 - y0) * PIXELS_PER_M), round((x1 - x0) * PIXELS_PER_M), 3), GRASS, np.uint8)
     ground += np.random.default_rng(0).integers(0, 25, ground.shape[:2], np.uint8)[..., None]
@@ -84,7 +84,7 @@ def painted_ground() -> np.ndarray:
 class Plant:
     """A kinematic bicycle in `map`: x, y (m), yaw (rad, left positive), speed (m/s).
 
-    The wheel (rad) follows at a rate, pedals at once.
+    The wheel angle (rad) follows at a limited rate, the pedals act at once.
     """
 
     def __init__(self, settings: dict) -> None:
@@ -97,7 +97,7 @@ class Plant:
         self.wheel += max(-s['steer_rate_radps'] * dt, min(s['steer_rate_radps'] * dt, change))
         drive = control.throttle * s['throttle_mps2'] * (-1.0 if control.reverse else 1.0)
         before, speed = self.speed, self.speed + drive * dt
-        # Friction takes speed away and never turns it round.
+        # Brake and friction reduce the speed and never reverse it.
         drag = (control.brake * s['brake_mps2'] + s['rolling_mps2']) * dt
         self.speed = math.copysign(max(0.0, abs(speed) - drag), speed)
         self.acceleration = (self.speed - before) / dt
@@ -140,11 +140,11 @@ class ToyVehicle(Node):
         make_subscription(self, topics.COMMAND, self.on_command, LossCounter())
         self.ticks = 0
         self.started_ns = self.get_clock().now().nanoseconds
-        self.say_once()
+        self.publish_extrinsics()
         self.create_timer(1.0 / PHYSICS_HZ, self.tick, clock=steady_clock())
 
-    def say_once(self) -> None:
-        """Mounting poses, latched."""
+    def publish_extrinsics(self) -> None:
+        """Mounting poses of cameras and IMU, latched."""
         stamp_ns = self.started_ns
         mounts = {topics.extrinsics_topic(c.name): (c.base_from_camera, optical_frame(c.name)) for c in self.cameras}
         imu = np.eye(4)
@@ -156,7 +156,7 @@ class ToyVehicle(Node):
         try:
             control = decision_from_message(message).control.validate()
         except ContractError as error:
-            # No command at all: `commands` goes on as in silence.
+            # Not used: `commands` goes on as if no command had come.
             self.get_logger().error(f'command refused: {error}', throttle_duration_sec=1.0)
             return
         self.commands.accept(control, time.monotonic_ns())
@@ -192,6 +192,7 @@ class ToyVehicle(Node):
 
 
 def main() -> int:
+    """Run the vehicle and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     default = Path(__file__).with_suffix('.yaml')
     parser.add_argument('--settings', type=Path, default=default, help='YAML of car, cameras and route')

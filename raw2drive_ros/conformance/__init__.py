@@ -1,1 +1,1 @@
-"""Does a graph that claims to be a vehicle keep the contract? Judges what a probe has seen; no ROS in here."""
+"""Checks whether a graph that claims to be a vehicle keeps the contract, from what a probe observed; no ROS here."""

@@ -1,4 +1,4 @@
-"""Checks that move the car: what each trial asks for, and what the answers must look like."""
+"""Checks that move the car: what each trial commands, and how the car must respond."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from raw2drive_ros.timing import load_timing
 
 BRAKE = Control(0.0, 0.6, 0.0)
 GO = Control(0.3, 0.0, 0.0)
-# A car that drives may have this much left after it was asked to stand.
+# A slower car counts as standing.
 STANDING_MPS = 0.3
 FASTER_MPS = 0.5
-# The brake of silence, as a share of that of a command: a car that only coasts does not brake.
+# Least deceleration without commands, as a share of that under `BRAKE`: coasting is not braking.
 BRAKING_SHARE = 0.4
 TURNING_RADPS = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Ask for `control` (None: send nothing) for so many seconds. name: of the trial, empty where nobody looks.
+    """Send `control` (None: send nothing) for `seconds`. name: of the trial, empty where the response is not checked.
     until_standing: end when the car has stood for a while, after `LOOK_S` at the earliest."""
 
     name: str
@@ -56,13 +56,13 @@ PROGRAMME: tuple[Step, ...] = (
 
 
 def stands(trial: Trial) -> bool:
-    """Has the car stood still for the last half second?"""
+    """Whether the car has stood still for the last half second."""
     recent = [v for t, v in zip(trial.times_s, trial.speeds_mps, strict=True) if t > trial.times_s[-1] - 0.5]
     return len(recent) >= 5 and trial.times_s[-1] >= LOOK_S and max(map(abs, recent)) < STANDING_MPS / 3
 
 
 def ends_standing(trial: Trial) -> bool:
-    """Nobody who was not seen to stand does."""
+    """Whether the car stands at the last odometry; without any odometry it does not."""
     return bool(trial.speeds_mps) and abs(trial.speeds_mps[-1]) < STANDING_MPS
 
 
@@ -73,7 +73,7 @@ def judge_trials(trials: list[Trial]) -> list[Verdict]:
 
 
 def deceleration(trial: Trial, after_s: float = 0.0) -> float:
-    """Mean from `after_s` until the car stands, m/s2; 0 where it stood already."""
+    """Mean deceleration from `after_s` until the car stands, m/s2; 0 if it stood already."""
     points = [(t, abs(v)) for t, v in zip(trial.times_s, trial.speeds_mps, strict=True) if t >= after_s]
     if not points or points[0][1] < STANDING_MPS:
         return 0.0
@@ -91,7 +91,7 @@ def _judge(trial: Trial, asked_mps2: float) -> Verdict:
     )
     good, remedy = CHECKS[trial.name](trial)
     if good and trial.name in BY_ITSELF:
-        # Who need not hold a command may brake at once.
+        # A vehicle may hold the last command for a while, or brake at once.
         found_mps2 = max(deceleration(trial), deceleration(trial, load_timing().command_hold_s))
         text += f', braking at {found_mps2:.1f} m/s2'
         good = found_mps2 >= BRAKING_SHARE * asked_mps2
@@ -99,7 +99,7 @@ def _judge(trial: Trial, asked_mps2: float) -> Verdict:
 
 
 def _turns(trial: Trial) -> float:
-    """Mean yaw rate of the second half, when the wheels have turned."""
+    """Mean yaw rate (rad/s) of the second half, when the wheels have turned."""
     return float(np.mean(trial.yaw_rates_radps[len(trial.yaw_rates_radps) // 2 :]))
 
 

@@ -1,4 +1,4 @@
-"""What a probe writes down about a vehicle, and what the checks answer."""
+"""What a probe records about a vehicle, and the results of the checks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Severity = Literal['error', 'warning', 'passed', 'skipped']
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """One check. text: what was seen. remedy: what to do, empty when it passed."""
+    """The result of one check. text: what was observed. remedy: what to do, empty when it passed."""
 
     check: str
     severity: Severity
@@ -22,8 +22,8 @@ class Verdict:
 
 @dataclass(slots=True)
 class TopicSeen:
-    """One topic. stamps_ns: of the messages' headers, as they came. ages_s: ROS time of arrival minus stamp.
-    refused: why messages broke their contract."""
+    """One topic. stamps_ns: of the messages' headers, in order of arrival. ages_s: ROS time of arrival minus stamp.
+    refused: why messages violated their contract."""
 
     msgtypes: tuple[str, ...] = ()
     publishers: int = 0
@@ -52,9 +52,9 @@ class Observation:
 
 @dataclass(slots=True)
 class Trial:
-    """What the car did while `control` was asked for (None: silence), after `before` was.
+    """How the car responded while `control` was sent (None: nothing was).
 
-    times_s from the beginning of the trial; speeds_mps, yaw_rates_radps by odometry.
+    times_s: since the beginning of the trial. speeds_mps, yaw_rates_radps: from odometry.
     """
 
     name: str

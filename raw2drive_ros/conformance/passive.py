@@ -1,4 +1,4 @@
-"""Checks of a vehicle that only listen."""
+"""Checks of a vehicle that only listen to it."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def expected(cameras: tuple[str, ...], *, compressed: bool) -> list[str]:
 
 
 def judge(seen: Observation, rig: tuple[CameraCalibration, ...], *, compressed: bool = False) -> list[Verdict]:
-    """Every check of what was seen; rig: the bundle's cameras."""
+    """All checks of what was observed. rig: the bundle's cameras."""
     cameras = tuple(camera.name for camera in rig)
     names = expected(cameras, compressed=compressed)
     return [
         *_topics(seen, names),
-        *_times(seen, names, cameras, compressed),
-        *_frames(seen, cameras, compressed),
+        *_times(seen, names, cameras, compressed=compressed),
+        *_frames(seen, cameras, compressed=compressed),
         *_cameras(seen, rig),
         *_motion(seen),
         *_route(seen),
@@ -59,7 +59,7 @@ def _topics(seen: Observation, names: list[str]) -> Iterator[Verdict]:
             yield Verdict(check, 'passed', f'one, {spec.msgtype}')
         check = f'{name}: QoS'
         if spec.qos.latched and not topic.transient_local:
-            yield Verdict(check, 'error', 'volatile: who comes later never hears it', 'durability TRANSIENT_LOCAL')
+            yield Verdict(check, 'error', 'volatile: late subscribers never get it', 'durability TRANSIENT_LOCAL')
         elif spec.qos.reliable and not topic.reliable:
             yield Verdict(check, 'error', 'best effort: reliable subscribers do not match', 'reliability RELIABLE')
         else:
@@ -69,14 +69,15 @@ def _topics(seen: Observation, names: list[str]) -> Iterator[Verdict]:
             yield Verdict(f'{name}: content', 'error', text, 'see docs/topics.md')
 
 
-def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], compressed: bool) -> Iterator[Verdict]:
+def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], *, compressed: bool) -> Iterator[Verdict]:
     for name in names:
         spec, topic = topics.BY_NAME[name], seen.topics.get(name, TopicSeen())
         stamps = topic.stamps_ns
         if not spec.rate_hz or spec.qos.latched or not topic.publishers:
             continue
         if len(stamps) < 3:
-            yield Verdict(f'{name}: rate', 'error', f'{len(stamps)} messages in {seen.seconds:.0f} s', 'publish on')
+            text = f'{len(stamps)} messages in {seen.seconds:.0f} s'
+            yield Verdict(f'{name}: rate', 'error', text, 'keep publishing')
             continue
         rate = (len(stamps) - 1) / max((stamps[-1] - stamps[0]) * 1e-9, 1e-9)
         close = 0.9 <= rate / spec.rate_hz <= 1.1
@@ -103,7 +104,7 @@ def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], compre
         yield Verdict('cameras: one stamp for all', 'passed' if fine else 'error', text, fix)
 
 
-def _frames(seen: Observation, cameras: tuple[str, ...], compressed: bool) -> Iterator[Verdict]:
+def _frames(seen: Observation, cameras: tuple[str, ...], *, compressed: bool) -> Iterator[Verdict]:
     images = topics.compressed_topic if compressed else topics.image_topic
     wanted = {topics.IMU: IMU_FRAME, topics.ODOMETRY: MAP_FRAME, topics.ROUTE: MAP_FRAME}
     wanted |= {images(camera): optical_frame(camera) for camera in cameras}

@@ -1,1 +1,1 @@
-"""What drives the car: preprocessing, the one drive function, policy bundles, the safety gate's state machine."""
+"""The driving stack without ROS: preprocessing, drivers, policy bundles, sensor monitor, and the safety gate."""

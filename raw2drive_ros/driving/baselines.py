@@ -1,4 +1,4 @@
-"""Drivers that need no learning. `random` and `straight` are controls for scores; both see no sensor."""
+"""Drivers that need no learning. `random` and `straight` are reference scores; neither reads a sensor."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from raw2drive_ros.contract import Control, Decision, Route, SensorFrame
 
 
 class RandomDriver:
-    """A new uniform action every decision, seeded by the route."""
+    """A uniformly random action at every decision."""
 
     name = 'random'
 
@@ -30,7 +30,7 @@ class StraightDriver:
     name = 'straight'
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """There is no state to reset."""
 
     def drive(self, frame: SensorFrame, route: Route) -> Decision:
         control = Control(0.3)

@@ -1,4 +1,4 @@
-"""Policy bundles: a folder of data, never code, that a planner can check before it trusts it.
+"""Policy bundles: folders of data, never code, which the planner verifies before it uses them.
 
 bundle.json   format, identity, model config, camera rig, action table and preprocessing hashes, metadata
 weights.safetensors   float16 weights of the raw world model and the actor
@@ -37,7 +37,7 @@ from raw2drive_ros.world_model.streams import RawWorldModel
 
 FORMAT = 1
 MANIFEST = 'bundle.json'
-# The name that format 1 has for it.
+# Key of the metadata in a manifest of format 1.
 METADATA = 'facts'
 
 
@@ -55,7 +55,7 @@ class Bundle:
 
 
 def preprocessing_hash() -> str:
-    """Changes when the raw vector would mean something else."""
+    """Changes whenever the meaning of the raw vector does."""
     return short_hash(json.dumps([VECTOR_FIELDS, CHECKPOINT_SCALE_M, REACHED_AHEAD_M, 'rgb/255-0.5']).encode())
 
 
@@ -115,7 +115,7 @@ def save_bundle(
 
 
 def _identity(body: dict[str, Any]) -> str:
-    """Hash of everything but the metadata: two bundles that drive alike have the same one."""
+    """Hash of everything but the metadata: bundles that drive identically have the same one."""
     same = {key: value for key, value in body.items() if key != 'identity'} | {METADATA: None}
     return short_hash(json.dumps(same, sort_keys=True).encode())
 
@@ -153,14 +153,14 @@ def load_bundle(path: Path) -> Bundle:
         body['identity'],
         config,
         rig,
-        model.requires_grad_(False).eval(),
-        actor.requires_grad_(False).eval(),
+        model.requires_grad_(requires_grad=False).eval(),
+        actor.requires_grad_(requires_grad=False).eval(),
         body[METADATA],
     )
 
 
 def check_rig(bundle: Bundle, rig: tuple[CameraCalibration, ...], tolerance: float = 1e-6) -> None:
-    """Raises BundleError that names every difference between a vehicle's cameras and the bundle's."""
+    """Raises BundleError that names every difference between a vehicle's cameras `rig` and those of the bundle."""
     wanted = {c.name: c for c in bundle.rig}
     found = {c.name: c for c in rig}
     problems = [f'camera {name} is missing' for name in wanted if name not in found]

@@ -1,4 +1,4 @@
-"""What a vehicle does while no command arrives: hold the last one briefly, then brake. Never wait for ever."""
+"""What a vehicle does while no command arrives: hold the last one briefly, then brake. It never waits indefinitely."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from raw2drive_ros.contract import Control
 
 @dataclass(slots=True)
 class CommandPolicy:
-    """hold_s: how long a command stays good, in simulated or vehicle time. brake: pedal after that."""
+    """hold_s: how long a command stays valid, in simulated or vehicle time. brake: pedal [0, 1] after that."""
 
     hold_s: float
     brake: float
@@ -24,11 +24,11 @@ class CommandPolicy:
         self.last, self.last_ns = control, stamp_ns
 
     def expired(self, stamp_ns: int) -> bool:
-        """Is the last command too old to be held?"""
+        """Whether the last command is too old to be held."""
         return stamp_ns - self.last_ns > round(self.hold_s * 1e9)
 
     def missing(self, stamp_ns: int) -> Control:
-        """The substitute at `stamp_ns`."""
+        """The command to apply at `stamp_ns` in place of the missing one."""
         self.missed += 1
         if self.last is not None and not self.expired(stamp_ns):
             return self.last

@@ -1,4 +1,4 @@
-"""What a driver is: everything that decides on sensor frames, learned or not."""
+"""The interface of drivers: whatever decides on sensor frames, learned or not."""
 
 from __future__ import annotations
 

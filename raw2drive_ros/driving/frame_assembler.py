@@ -1,4 +1,4 @@
-"""From single messages to whole frames: every camera, the IMU and the odometry of one stamp."""
+"""Assembles messages into frames: every camera, the IMU and the odometry of one stamp."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ PENDING_LIMIT = 4
 class FrameAssembler:
     """Bounded: at most `PENDING_LIMIT` incomplete stamps are kept; older ones count as incomplete.
 
-    A frame that is older than the last complete one is dropped, but an equal stamp starts over: the
-    bridge sends a tick again when its answer was lost.
+    An image older than the last complete frame is dropped, but one with the same stamp starts that frame
+    again: the bridge resends a tick whose answer was lost.
     """
 
     cameras: tuple[str, ...]
@@ -47,7 +47,7 @@ class FrameAssembler:
         return self._complete(sample.stamp_ns)
 
     def _complete(self, stamp_ns: int) -> SensorFrame | None:
-        """The whole frame of a stamp, once; everything older is forgotten then."""
+        """The frame of a stamp if it is complete; its parts and everything older are then discarded."""
         images = self.images.get(stamp_ns)
         imu, odometry = self.imus.get(stamp_ns), self.odometries.get(stamp_ns)
         if images is None or len(images) < len(self.cameras) or imu is None or odometry is None:
@@ -65,7 +65,7 @@ class FrameAssembler:
         while len(self.images) > PENDING_LIMIT:
             del self.images[min(self.images)]
             self.incomplete += 1
-        # Motion samples come faster than images; a second's worth is plenty.
+        # Motion samples come more often than images; 40 of them are two seconds.
         for samples in (self.imus, self.odometries):
             while len(samples) > 10 * PENDING_LIMIT:
                 del samples[min(samples)]

@@ -1,7 +1,7 @@
 """The safety gate's state machine: pure, without torch, ROS or clocks of its own.
 
-It passes proposals on while they are young, finite and within limits; otherwise it stops the car,
-comfortably first, hard when that is not enough, and stays stopped until re-activated.
+It passes proposals on while they are recent and valid, cut to the motion limits. Otherwise it stops the car,
+comfortably where that is enough and else with the emergency brake, and latches the stop until re-activated.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STOPS = (GateState.COMFORTABLE_STOP, GateState.EMERGENCY_STOP)
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """One instant on both clocks, seconds. ros_s: /clock or system time, whatever stamps are made of."""
+    """One instant on both clocks, in seconds. ros_s: ROS time (/clock or system time), the clock of message stamps."""
 
     steady_s: float
     ros_s: float
@@ -40,7 +40,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class GateLimits:
-    """Times in seconds, brakes as pedals; `params/timing.yaml` and `params/gate.yaml` say what each is for."""
+    """Times in seconds, brakes as pedals [0, 1]; `params/timing.yaml` and `params/gate.yaml` say what each is for."""
 
     comfortable_after_s: float = 0.3
     emergency_after_s: float = 0.8
@@ -67,10 +67,10 @@ class GateLimits:
 class Gate:
     """propose(), refuse() and tick() return the command to publish now.
 
-    steady: silence is measured by the steady clock, as on a car; otherwise by ROS time, which a simulation may pause or
-    slow down. A car that moves on while ROS time stands is told from a pause by its odometry: `frozen_odometry`
-    messages since the last proposal are silence too, and without odometry `frozen_after_s` of the steady clock is.
-    counts: events by name, for diagnostics.
+    steady: silence (no valid proposal) is measured on the steady clock, as on a car; otherwise on ROS time, which a
+    simulation may pause or slow down. If ROS time is frozen while the car keeps moving, odometry reveals it: more than
+    `frozen_odometry` messages since the last proposal count as silence too, as does, without any odometry, more than
+    `frozen_after_s` on the steady clock. counts: events by name, for diagnostics.
     """
 
     limits: GateLimits = field(default_factory=GateLimits)
@@ -100,10 +100,10 @@ class Gate:
         self._oscillation = Oscillation(limits.swing, limits.swings, limits.swing_window_s)
         self._saturation = Saturation(limits.saturated_after_s)
 
-    # -- what happens ---------------------------------------------------------------------------------
+    # -- events ---------------------------------------------------------------------------------------
 
     def propose(self, decision: Decision, now: Moment) -> Control:
-        """Judge a proposal that arrived now."""
+        """A proposal arrived now."""
         stamp_s = decision.stamp_ns * 1e-9
         try:
             control = decision.control.validate()
@@ -129,26 +129,26 @@ class Gate:
         return self._pass(control, now) if self.state is GateState.DRIVING else self.tick(now)
 
     def refuse(self, reason: str, now: Moment) -> Control:
-        """A proposal that is no command at all: emergency stop."""
+        """Emergency stop for `reason`, such as a proposal that is not a valid command."""
         self._stop(GateState.EMERGENCY_STOP, reason, now)
         return self.tick(now)
 
     def observe(self, speed_mps: float, now: Moment) -> None:
-        """Measured speed, signed; not finite counts as silence of the odometry."""
+        """Measured speed, signed. A value that is not finite counts as missing odometry."""
         if math.isfinite(speed_mps):
             self.speed_mps, self._last_odometry = speed_mps, now
         if self._last_valid is not None and now.ros_s <= self._last_valid.ros_s:
             self._unclocked += 1
 
     def publisher_counts(self, proposing: int, commanding: int, now: Moment) -> None:
-        """How many publishers the topics of proposals and of commands have now, the gate itself among the latter."""
+        """Number of publishers of proposals and of commands now, the gate itself among the latter; only one may be."""
         names = [name for name, count in (('proposals', proposing), ('commands', commanding)) if count > 1]
         self._crowded = f'more than one publisher of {" and of ".join(names)}' if names else ''
         if self._crowded and self.state is not GateState.WAITING:
             self._stop(GateState.EMERGENCY_STOP, self._crowded, now)
 
     def activate(self) -> str:
-        """Leave any stop, so that the next valid proposal drives; returns why not, or ''."""
+        """Leave a latched stop, so that the next valid proposal drives; returns the reason of a refusal, or ''."""
         if self._crowded:
             return self._crowded
         if self.state is GateState.DRIVING:
@@ -175,14 +175,14 @@ class Gate:
                 brake = min(self.limits.comfortable_brake, rising)
             case _:
                 brake = self.limits.emergency_brake
-        # A stop never brakes less than the planner did when it began, and changes no gear of a moving car.
+        # A stop never brakes less than the last command did, and never changes gear: the car may be moving.
         last = self.last_control
         return Control(0.0, max(brake, last.brake), last.steer, last.reverse)
 
-    # -- how it is judged -----------------------------------------------------------------------------
+    # -- checks ---------------------------------------------------------------------------------------
 
     def _pass(self, wanted: Control, now: Moment) -> Control:
-        """A valid proposal while driving: watched over time, cut to the limits."""
+        """A valid proposal while driving: checked for oscillation and saturation, then cut to the limits."""
         if self._oscillation.see(wanted.steer, self._clock(now)):
             self._stop(GateState.COMFORTABLE_STOP, f'steering swings to and fro {self.limits.swings} times', now)
         elif self._saturation.see(wanted.steer if self.moves else 0.0, self._clock(now)):
@@ -198,11 +198,11 @@ class Gate:
 
     @property
     def moves(self) -> bool:
-        """A speed that is not known counts as moving."""
+        """Whether the car moves; an unknown speed counts as moving."""
         return self.speed_mps is None or abs(self.speed_mps) > self.limits.standing_mps
 
     def _watch(self, now: Moment) -> None:
-        """Everything that stops the car by time alone, or by what was measured."""
+        """The reasons for a stop that depend on time or on measurements, not on a new proposal."""
         limits, back_s = self.limits, self._newest_ros_s - now.ros_s
         self._newest_ros_s = now.ros_s
         if self.state is GateState.DRIVING:
@@ -213,7 +213,7 @@ class Gate:
         if silent:
             self._stop(GateState.EMERGENCY_STOP, silent, now)
         elif self.speed_mps is not None and abs(self.speed_mps) <= self._slowed_to_mps - limits.slowing_mps:
-            # Again and again: brakes may fade, and hills begin.
+            # Checked throughout the stop: brakes may fade, and a slope may begin.
             self._slowed, self._slowed_to_mps = now, abs(self.speed_mps)
         elif self.speed_mps is not None and self.moves and self._since(self._slowed, now) > limits.slowing_after_s:
             self._stop(GateState.EMERGENCY_STOP, 'the car does not slow down', now)
@@ -248,13 +248,13 @@ class Gate:
         return ''
 
     def _overlook(self, name: str, why: str) -> None:
-        """A proposal that counts as silence."""
+        """Ignore a proposal, so that it counts as silence; `why` is added to the reason of a stop."""
         self._count(name)
         self._last_refused = why
 
     def _stop(self, state: GateState, reason: str, now: Moment) -> None:
         if self.state is GateState.EMERGENCY_STOP:
-            # The first cause is the one to look at.
+            # Keep the first reason: later ones may be consequences of it.
             return
         self.state, self.reason, self._stopped = state, reason, now
         self._slowed, self._slowed_to_mps = now, abs(self.speed_mps or 0.0)
@@ -268,5 +268,5 @@ class Gate:
         return now.steady_s if self.steady else now.ros_s
 
     def _since(self, then: Moment, now: Moment) -> float:
-        """To a tenth of a millisecond: a float that counts from 1970 holds little more."""
+        """Rounded to 0.1 ms, so that no limit is decided by the rounding error of seconds that count from 1970."""
         return round(self._clock(now) - self._clock(then), 4)

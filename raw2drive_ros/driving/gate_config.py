@@ -20,7 +20,7 @@ Pedal = Annotated[float, Field(gt=0, le=1)]
 
 
 class MotionConfig(Strict):
-    """See `MotionLimits`. Every one must be there: a limit that was forgotten is not one that was lifted (`.inf`)."""
+    """See `MotionLimits`. Every field is required: a forgotten limit must not pass for a disabled one (`.inf`)."""
 
     wheelbase_m: Positive
     max_steer_rad: Annotated[float, Field(gt=0, lt=math.pi / 2)]

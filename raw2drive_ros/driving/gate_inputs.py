@@ -1,4 +1,4 @@
-"""From messages to the gate: the same for its ROS node and for drives under faults."""
+"""Passes messages to the gate; shared by its ROS node and by drives under faults."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from raw2drive_ros.errors import ContractError
 
 
 def proposal(gate: Gate, message: Any, now: Moment) -> Decision:
-    """The gate's answer to a proposal, under the proposal's stamp; one that is no command at all is refused."""
+    """The gate's command for a proposal, under the proposal's stamp. A message without a command is refused."""
     try:
         decision = decision_from_message(message)
     except ContractError as error:
@@ -22,7 +22,7 @@ def proposal(gate: Gate, message: Any, now: Moment) -> Decision:
 
 
 def odometry(gate: Gate, message: Any, now: Moment) -> str:
-    """Tell the gate the speed; returns why a message was not used, which then counts as silence."""
+    """Pass the speed to the gate; returns why a message was rejected, which then counts as missing, or ''."""
     try:
         gate.observe(odometry_from_message(message).speed_mps, now)
     except ContractError as error:

@@ -1,4 +1,4 @@
-"""What the safety gate lets a command ask of the vehicle: a pure function from command to limited command."""
+"""The safety gate's motion limits: a pure function from a command to the limited command."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from raw2drive_ros.contract import Control
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """The vehicle's own figures first, then the limits; `math.inf` does not limit.
+    """The vehicle's parameters first, then the limits; `math.inf` disables a limit.
 
-    full_throttle_mps2, full_brake_mps2: what full pedals do on a flat road. max_steer_rad: road wheels at steer 1.
-    max_steer: fraction of that. max_jerk_mps3 and max_steer_rate_1ps hold between one command and the next.
-    max_gear_speed_mps: faster than this, the gear may not be changed.
+    full_throttle_mps2, full_brake_mps2: of full pedals on a flat road. max_steer_rad: road wheel angle at steer 1.
+    max_steer: fraction of that. max_jerk_mps3 and max_steer_rate_1ps limit the change from one command to the next.
+    max_gear_speed_mps: above this speed the gear may not be changed.
     """
 
     wheelbase_m: float = 2.9
@@ -34,10 +34,10 @@ class MotionLimits:
 def limited(
     wanted: Control, before: Control, speed_mps: float | None, dt_s: float, limits: MotionLimits
 ) -> tuple[Control, tuple[str, ...]]:
-    """(command, names of the limits that changed it); `wanted` itself where none does.
+    """(limited command, names of the limits that changed it); `wanted` itself if none did.
 
-    before: the command that went out `dt_s` ago. speed_mps: signed, None where it is not known; limits that need it
-    are then left out.
+    before: the previous command, sent `dt_s` ago. speed_mps: signed, None if unknown; limits that need it are then
+    skipped.
     """
     wanted, gear_names = _gear(wanted, before, speed_mps, limits)
     push, pedal_names = _pedals(wanted, before, speed_mps, dt_s, limits)
@@ -54,8 +54,8 @@ def limited(
 def _gear(
     wanted: Control, before: Control, speed_mps: float | None, limits: MotionLimits
 ) -> tuple[Control, tuple[str, ...]]:
-    """The gear stays what it was, without throttle, while the car is too fast for another, and while the throttle of
-    this one is still coming down: in the other gear it is the opposite acceleration."""
+    """Keep the gear, without throttle, while the car is too fast to change it and, under a jerk limit, while the
+    throttle is still coming down: in the other gear it would accelerate the opposite way."""
     fast = speed_mps is not None and abs(speed_mps) > limits.max_gear_speed_mps
     pressed = _push(before, limits) > 0.0 and limits.max_jerk_mps3 < math.inf
     if wanted.reverse == before.reverse or not (fast or pressed):
@@ -64,7 +64,7 @@ def _gear(
 
 
 def _push(control: Control, limits: MotionLimits) -> float:
-    """Acceleration that the pedals ask for, in the direction of driving."""
+    """Acceleration requested by the pedals (m/s2), positive in the direction of the gear."""
     return control.throttle * limits.full_throttle_mps2 - control.brake * limits.full_brake_mps2
 
 
@@ -81,7 +81,7 @@ def _pedals(
     if abs(push - old) > step:
         push = old + math.copysign(step, push - old)
         names.append('jerk')
-    # Last, because no rate may keep the throttle down on a car that is too fast.
+    # Last, because the jerk limit must not keep the throttle open on a car that is too fast.
     if speed_mps is not None and push > 0.0 and abs(speed_mps) > limits.max_speed_mps:
         push = 0.0
         names.append('speed')
@@ -96,7 +96,7 @@ def _steer(
     if steer != wanted:
         names.append('steer')
     if speed_mps is not None:
-        # a = v^2 tan(angle) / wheelbase, the kinematic bicycle. A product: a power of an absurd speed raises.
+        # Kinematic bicycle: a = v^2 tan(angle) / wheelbase. A product, since a power of an absurd speed raises.
         grip = limits.max_lateral_mps2 * limits.wheelbase_m
         allowed = math.atan2(grip, speed_mps * speed_mps) / limits.max_steer_rad
         if abs(steer) > allowed:

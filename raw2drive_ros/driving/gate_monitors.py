@@ -1,4 +1,4 @@
-"""What a run of commands says about the planner that sends them: does it swing, is it stuck at the stop?"""
+"""Monitors of a sequence of steering commands: oscillation, and saturation at full lock."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Oscillation:
     rising: bool | None = None
 
     def see(self, steer: float, now_s: float) -> bool:
-        """Whether the swings of the last `window_s` are too many."""
+        """Add a command; whether there were too many swings in the last `window_s`."""
         self.low, self.high = min(self.low, steer), max(self.high, steer)
         if self.rising is not False and self.high - steer >= self.swing:
             self._turn(steer, now_s, rising=False)

@@ -1,4 +1,4 @@
-"""What a log says of the sensors: each change once, in words, and not the same cause at every look."""
+"""Log lines about the sensors: one per change, not one per check."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from raw2drive_ros.driving.sensor_monitor import Finding
 
 
 class Line(NamedTuple):
-    """alarming: a warning; otherwise only information."""
+    """alarming: to be logged as a warning; otherwise as information."""
 
     alarming: bool
     text: str
@@ -18,15 +18,15 @@ class Line(NamedTuple):
 
 @dataclass(slots=True)
 class HealthReport:
-    """Remembers what was said."""
+    """Remembers the findings that were reported last."""
 
     _said: list[str] | None = None
 
-    def lines(self, findings: Sequence[Finding], complete: bool) -> list[Line]:
-        """What is new since the last call: causes with their remedies, or that all is well again.
+    def lines(self, findings: Sequence[Finding], *, complete: bool) -> list[Line]:
+        """What changed since the last call: new causes with their remedies, or that all sensors are healthy.
 
-        complete: every input was heard since the start; before that, silence is no sign of health. Before anybody is
-        heard, all inputs are one line: nothing is broken while no vehicle is there.
+        complete: every input was heard since the start; before that, no findings do not mean healthy sensors. While
+        no input at all was heard, one line lists them: without a vehicle nothing is broken.
         """
         if not findings and not complete:
             return []
@@ -35,9 +35,10 @@ class HealthReport:
             return []
         self._said = subjects
         if not findings:
-            return [Line(False, 'nominal: all sensors are well')]
-        said = [Line(True, f'{f.health.name.lower()}: {f.cause}; {f.remedy}') for f in findings if not f.unheard]
+            return [Line(alarming=False, text='nominal: all sensors are well')]
+        broken = [finding for finding in findings if not finding.unheard]
+        said = [Line(alarming=True, text=f'{f.health.name.lower()}: {f.cause}; {f.remedy}') for f in broken]
         waiting = [finding.subject for finding in findings if finding.unheard]
         if waiting:
-            said.append(Line(False, f'waiting for {", ".join(waiting)}: nothing heard yet'))
+            said.append(Line(alarming=False, text=f'waiting for {", ".join(waiting)}: nothing heard yet'))
         return said

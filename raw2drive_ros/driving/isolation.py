@@ -1,4 +1,4 @@
-"""Keeps privileged code out of the planner's process: importing it raises, and so does subscribing to it."""
+"""Keeps privileged code and topics out of the planner's process: importing or subscribing raises."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class _Blocker(importlib.abc.MetaPathFinder):
 
 
 def block_privileged_imports() -> None:
-    """From now on, in this process. Raises PrivilegedImportError when it is too late already."""
+    """Make later imports of privileged code raise in this process. Raises PrivilegedImportError if it is too late."""
     loaded = sorted(m for m in sys.modules if any(m == name or m.startswith(name + '.') for name in FORBIDDEN))
     if loaded:
         raise PrivilegedImportError(f'already imported: {", ".join(loaded)}')

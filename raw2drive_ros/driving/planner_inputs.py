@@ -1,4 +1,4 @@
-"""From messages, by topic, to the planner: the same for ROS callbacks, for bags and for drives under faults."""
+"""Passes messages to the planner by topic; shared by ROS callbacks, bag replay and drives under faults."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ Handler = Callable[[Any, int], Decision | None]
 
 
 class PlannerInputs:
-    """topics: what to subscribe to, in the order in which waiting messages are best handled (the route first).
+    """topics: to subscribe to, in the order in which queued messages should be handled (the route first).
 
-    on_refused: told of every message that breaks its contract: (input, why).
+    on_refused: called with (input, reason) for every message that violates its contract.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class PlannerInputs:
         return list(self.handlers)
 
     def receive(self, topic: str, message: Any, now_ns: int) -> Decision | None:
-        """Hand a message on; one that breaks its contract is counted, reported and not used."""
+        """Pass a message on; one that violates its contract is counted and reported, and not used."""
         name, handle = self.handlers[topic]
         try:
             return handle(message, now_ns)
@@ -95,7 +95,7 @@ class PlannerInputs:
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Do two CameraInfo or TransformStamped say the same? The former comes with every picture."""
+    """Whether two CameraInfo or TransformStamped have equal content. A CameraInfo comes with every image."""
     if hasattr(one, 'transform'):
         return bool(one.transform == other.transform)
     return (one.width, one.height) == (other.width, other.height) and all(

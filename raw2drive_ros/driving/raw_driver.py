@@ -1,4 +1,4 @@
-"""The raw policy behind `Driver`: planner node, in-process evaluator and bag replay all call `RawDriver.drive`."""
+"""The raw policy as a `Driver`: planner node, in-process evaluator and bag replay all call `RawDriver.drive`."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ FORGET_AFTER_S = 1.0
 
 
 class RawDriver:
-    """The raw policy, deterministic: modes instead of samples, one thread unless `threads` says otherwise.
+    """The raw policy, deterministic: modes of posterior and actor instead of samples, `threads` torch threads.
 
-    A new route (another stamp) starts a new episode by itself, and so do time that goes back and a gap longer than
-    `FORGET_AFTER_S`: what was believed before says little about now.
+    A new route (another stamp), time that goes back or a gap longer than `FORGET_AFTER_S` starts a new episode: the
+    recurrent state from before is stale.
     """
 
     name = 'raw'
@@ -57,7 +57,7 @@ class RawDriver:
         return Decision(frame.stamp_ns, ACTIONS[action], action, elapsed_ms, {'probability': probability})
 
     def _stack(self, frame: SensorFrame) -> NDArray[np.uint8]:
-        """(1, views, H, W, 3) in the bundle's order of cameras."""
+        """(1, views, H, W, 3) uint8 in the bundle's order of cameras."""
         height, width = self.bundle.config.image_size
         images = []
         for camera in self.cameras:
@@ -72,5 +72,5 @@ class RawDriver:
         return np.stack(images)[None]
 
     def reconstruct(self) -> NDArray[np.float32]:
-        """(C*P*P, G, G) mask probabilities that the model believes in now: for videos, not for driving."""
+        """(C*P*P, G, G) mask probabilities decoded from the current state: for videos, not for driving."""
         return np.asarray(self.agent.reconstruct(self.state)[0])

@@ -20,7 +20,7 @@ NO_ROUTE = f'no route yet: who publishes {topics.ROUTE}?'
 class RawPlanner:
     """Assembles frames, watches the sensors and decides; `None` is silence, which makes the gate stop the car.
 
-    Every `add_*` takes `now_ns`, the ROS time of arrival. `failure`: why it is silent where no sensor is to blame.
+    Every `add_*` takes `now_ns`, the ROS time of arrival. `failure`: why it is silent although the sensors are healthy.
     """
 
     def __init__(self, bundle: Bundle, limits: MonitorLimits, threads: int = 1) -> None:
@@ -28,15 +28,15 @@ class RawPlanner:
         self.driver = RawDriver(bundle, threads)
         self.cameras = tuple(camera.name for camera in bundle.rig)
         self.monitor = SensorMonitor(self.cameras, limits)
-        # Of the last 17 minutes: its quantiles are published every second, beside driving.
+        # Of the last 17 minutes only: its quantiles are computed every second, while driving.
         self.latency_ms: deque[float] = deque(maxlen=10_000)
         self.decisions = 0
         self._warm_up()
         self.start(0)
 
     def start(self, now_ns: int, *, same_vehicle: bool = False) -> None:
-        """Begin, or begin anew: what was seen is forgotten. same_vehicle: route and calibrations, which are sent once,
-        stay, as after a jump of time."""
+        """Start, or start again without the samples so far. same_vehicle: keep route and calibrations, which are
+        latched and not sent again, as after a jump of time."""
         self.assembler = FrameAssembler(self.cameras)
         self.monitor.reset()
         self.monitor.start(now_ns)
@@ -51,11 +51,11 @@ class RawPlanner:
 
     @property
     def health(self) -> Health:
-        """Of the sensors, as of the last look."""
+        """Health of the sensors at the last `look`."""
         return self.findings[0].health if self.findings else Health.NOMINAL
 
     def look(self, now_ns: int) -> None:
-        """Judge the sensors at `now_ns`: see `findings` and `health`."""
+        """Check the sensors at `now_ns`; the result is in `findings` and `health`."""
         self.findings = self.monitor.findings(now_ns)
 
     def add_route(self, route: Route) -> None:
@@ -64,14 +64,14 @@ class RawPlanner:
             self.failure = ''
 
     def add_calibration(self, calibration: CameraCalibration) -> None:
-        """May come again and again; one that differs is checked against the bundle before the next decision."""
+        """May be called repeatedly; a changed one is checked against the bundle before the next decision."""
         known = self.calibrations.get(calibration.name)
         if known is None or not known.equals(calibration):
             self.calibrations[calibration.name] = calibration
             self.rig_checked = False
 
     def forget_calibration(self, camera: str) -> None:
-        """What a camera says of itself has become unusable: no decision until it is mended."""
+        """The camera's calibration became unusable: no decisions until a usable one arrives."""
         self.calibrations.pop(camera, None)
         self.rig_checked = False
 
@@ -92,7 +92,7 @@ class RawPlanner:
         return self._decide(self.assembler.add_odometry(sample), now_ns)
 
     def refuse(self, name: str, why: str, now_ns: int) -> None:
-        """A message of an input that broke its contract."""
+        """Report a message of input `name` that violated its contract."""
         self.monitor.refused(name, why, now_ns)
 
     def _decide(self, frame: SensorFrame | None, now_ns: int) -> Decision | None:
@@ -102,7 +102,7 @@ class RawPlanner:
             self.failure = NO_ROUTE
             return None
         if self.answered is not None and self.answered.stamp_ns == frame.stamp_ns:
-            # The same tick again: its answer was lost. Deciding twice would move the recurrent state twice.
+            # The same tick again: its answer was lost. Deciding twice would advance the recurrent state twice.
             return self.answered
         self.monitor.frame(frame)
         self.look(now_ns)
@@ -110,7 +110,7 @@ class RawPlanner:
             return None
         try:
             if not self.rig_checked:
-                self._check_cameras()
+                self.check_cameras()
             decision = self.driver.drive(frame, self.route)
         except (ContractError, BundleError) as error:
             self.failure = str(error)
@@ -121,7 +121,7 @@ class RawPlanner:
         self.decisions += 1
         return decision
 
-    def _check_cameras(self) -> None:
+    def check_cameras(self) -> None:
         """Raises BundleError until every camera's calibration is known and equals the bundle's."""
         missing = [camera for camera in self.cameras if camera not in self.calibrations]
         if missing:

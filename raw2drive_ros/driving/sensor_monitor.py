@@ -1,7 +1,7 @@
-"""Is what the sensors say fit to drive by? Pure: no ROS, no clock of its own, no torch.
+"""Checks whether the sensor data is fit for driving. Pure: no ROS, no clock of its own, no torch.
 
-nominal: drive. degraded: drive, and say so. stop: do not decide; the gate then stops the car, and stays stopped.
-No degraded mode drives with a camera lost: nobody has measured that it may.
+nominal: drive. degraded: drive and report it. stop: do not decide; the gate then stops the car and latches the stop.
+A lost camera always means stop: driving without one was never validated.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from raw2drive_ros.contract import Image8, ImuSample, SensorFrame
 from raw2drive_ros.rates import DECISION_HZ
 
-# Every so many pixels in both directions are looked at: 24 x 40 of 96 x 160.
+# Images are subsampled by this factor in both directions: 24 x 40 pixels of 96 x 160.
 STRIDE = 4
 
 
@@ -30,8 +30,8 @@ class Health(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong, and what to do about it. unheard: nobody has said
-    anything since the start, and this input never before it."""
+    """One problem and its remedy. unheard: no input at all was heard since the start, and this one not before it
+    either."""
 
     health: Health
     cause: str
@@ -40,7 +40,7 @@ class Finding:
 
     @property
     def subject(self) -> str:
-        """What it is about, without the figures that change from look to look."""
+        """The cause without its figures, which change from check to check."""
         return self.cause.split(':')[0]
 
 
@@ -64,7 +64,7 @@ class MonitorLimits:
 
 
 @dataclass(slots=True)
-class _Camera:
+class _CameraState:
     sample: Image8 | None = None
     same: int = 0
     blind: int = 0
@@ -72,7 +72,7 @@ class _Camera:
 
 @dataclass(slots=True)
 class SensorMonitor:
-    """Fed by the planner with everything that arrives; `findings(now_ns)` says what is wrong now, worst first.
+    """Gets everything that arrives from the planner; `findings(now_ns)` lists what is wrong, worst first.
 
     counts: events by name since the start, for diagnostics.
     """
@@ -83,7 +83,7 @@ class SensorMonitor:
     _heard_ns: dict[str, int] = field(default_factory=dict)
     _ever: set[str] = field(default_factory=set)
     _ahead_ns: dict[str, int] = field(default_factory=dict)
-    _eyes: dict[str, _Camera] = field(default_factory=dict)
+    _camera_states: dict[str, _CameraState] = field(default_factory=dict)
     _frames_ns: deque[int] = field(default_factory=deque)
     _refused: dict[str, tuple[int, str]] = field(default_factory=dict)
     _absurd: str = ''
@@ -91,10 +91,10 @@ class SensorMonitor:
     _started_ns: int | None = None
 
     def reset(self) -> None:
-        """A new beginning, as after a jump of time; counts stay, and which inputs there are."""
+        """Forget all samples, as after a jump of time; counts and the set of inputs ever heard stay."""
         self._heard_ns.clear()
         self._ahead_ns.clear()
-        self._eyes.clear()
+        self._camera_states.clear()
         self._frames_ns.clear()
         self._refused.clear()
         self._absurd_count = 0
@@ -106,12 +106,12 @@ class SensorMonitor:
         return self._heard_ns.keys() >= {*self.cameras, 'imu', 'odometry'}
 
     def start(self, now_ns: int) -> None:
-        """From now on inputs are expected; silence counts from here."""
+        """Expect inputs from now on; silence is measured from here."""
         self._started_ns = now_ns
 
     def heard(self, name: str, stamp_ns: int, now_ns: int) -> bool:
-        """A message of an input (a camera, `imu`, `odometry`) at `now_ns` of ROS time; False for one that is older than
-        the one before, and for one of the future, which may not make all that follow look old."""
+        """A message of an input (a camera, `imu`, `odometry`) arrived at `now_ns` of ROS time. False, do not use it:
+        its stamp is older than the last one, or so far in the future that all later ones would look old."""
         ahead_ns = stamp_ns - now_ns
         if ahead_ns > round(self.limits.age_s * 1e9):
             self._count(f'{name}_early')
@@ -126,12 +126,12 @@ class SensorMonitor:
         return True
 
     def refused(self, name: str, why: str, now_ns: int) -> None:
-        """A message that breaks its contract."""
+        """A message of input `name` violates its contract."""
         self._count(f'{name}_refused')
         self._refused[name] = (now_ns, why)
 
     def imu(self, sample: ImuSample) -> None:
-        """A reading, to be used all the same: a crash looks absurd too, for a moment."""
+        """Check a reading. The planner uses it all the same: a collision also gives absurd values for a moment."""
         force, rate = math.hypot(*sample.specific_force_mps2), math.hypot(*sample.angular_velocity_radps)
         self._absurd = ''
         if force > self.limits.max_force_mps2:
@@ -143,20 +143,20 @@ class SensorMonitor:
             self._count('imu_absurd')
 
     def frame(self, frame: SensorFrame) -> None:
-        """A whole set of one stamp, before it is decided on."""
+        """Check a complete frame before the decision on it."""
         self._frames_ns.append(frame.stamp_ns)
         while len(self._frames_ns) > self.limits.gaps + 1:
             self._frames_ns.popleft()
         moving = abs(frame.odometry.speed_mps) > self.limits.moving_mps
         for name, image in frame.images.items():
-            eye = self._eyes.setdefault(name, _Camera())
+            state = self._camera_states.setdefault(name, _CameraState())
             sample = image[::STRIDE, ::STRIDE].copy()
-            # A meadow under a plain sky looks the same from everywhere: what moves is what differs within a row.
-            same = moving and eye.sample is not None and np.array_equal(sample, eye.sample)
+            # Only contrast within a row reveals a freeze: a meadow under a plain sky looks the same from everywhere.
+            same = moving and state.sample is not None and np.array_equal(sample, state.sample)
             same = same and int(np.ptp(sample, axis=1).max()) >= self.limits.blind_levels
             blind = int(sample.max()) - int(sample.min()) < self.limits.blind_levels
-            eye.sample = sample
-            eye.same, eye.blind = eye.same + 1 if same else 0, eye.blind + 1 if blind else 0
+            state.sample = sample
+            state.same, state.blind = state.same + 1 if same else 0, state.blind + 1 if blind else 0
 
     def findings(self, now_ns: int) -> list[Finding]:
         """Everything that is wrong at `now_ns` of ROS time, worst first."""
@@ -189,14 +189,14 @@ class SensorMonitor:
 
     def _pictures(self) -> list[Finding]:
         found = []
-        for name, eye in self._eyes.items():
-            if eye.blind >= self.limits.blind_frames:
-                assert eye.sample is not None
-                shade = 'black' if eye.sample.mean() < 128 else 'white'
-                cause = f'camera {name}: {shade} for {eye.blind} frames'
+        for name, state in self._camera_states.items():
+            if state.blind >= self.limits.blind_frames:
+                assert state.sample is not None
+                shade = 'black' if state.sample.mean() < 128 else 'white'
+                cause = f'camera {name}: {shade} for {state.blind} frames'
                 found.append(Finding(Health.STOP, cause, 'look at the lens, the exposure and the cable'))
-            if eye.same >= self.limits.frozen_frames:
-                cause = f'camera {name}: the same picture {eye.same + 1} times while driving'
+            if state.same >= self.limits.frozen_frames:
+                cause = f'camera {name}: the same picture {state.same + 1} times while driving'
                 found.append(Finding(Health.STOP, cause, "restart the camera's driver"))
         return found
 

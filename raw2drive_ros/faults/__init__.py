@@ -1,1 +1,1 @@
-"""Faults on purpose: plans of what goes wrong when, and the injector that makes it so. No ROS in here."""
+"""Fault injection: plans of which fault happens when, and the injector that applies them. No ROS here."""

@@ -1,4 +1,4 @@
-"""What a fault does to one message; the message may be changed in place, its arrays are new ones."""
+"""Applies a fault to one message, in place; arrays are replaced, because those of a message may be read-only."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ VECTORS = {
 
 
 def corrupt(message: Any, msgtype: str, fault: Fault, count: int, rng: np.random.Generator) -> None:
-    """count: how many messages this fault has had before. Kinds that only move messages in time change nothing."""
+    """count: messages that this fault has changed before. Kinds that only concern delivery change nothing here."""
     if fault.kind == 'stamp':
-        # A stamp before the epoch has no message form; the epoch itself is as wrong.
+        # No message can hold a stamp before the epoch; the epoch itself is just as wrong.
         set_stamp(message.header.stamp, max(0, stamp_ns(message.header.stamp) + round(fault.strength * 1e9)))
     elif msgtype == 'sensor_msgs/msg/Image':
         _image(message, fault, rng)

@@ -1,4 +1,4 @@
-"""Between a publisher and its subscribers: CDR bytes in, the same, other or no bytes out, now or later."""
+"""Applies faults between a publisher and its subscribers: CDR bytes in; the same, others or none out, now or later."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from raw2drive_ros.faults.plan import Fault
 
 @dataclass(slots=True)
 class Injector:
-    """faults: of one plan. The same seed and the same messages give the same faults, topic by topic.
+    """faults: of one plan. The same seed and messages give the same faults, for each topic on its own.
 
-    counts: messages touched, by `kind topic`.
+    counts: messages affected, by `kind topic`.
     """
 
     faults: list[Fault]
@@ -36,14 +36,14 @@ class Injector:
         self._rngs.clear()
 
     def now(self, now_ns: int) -> list[str]:
-        """`kind topic` of the faults whose time it is."""
+        """`kind topic` of the faults that are active at `now_ns`."""
         if self.start_ns is None:
             return []
         since_s = (now_ns - self.start_ns) * 1e-9
         return [f'{fault.kind} {fault.topic}' for fault in self.faults if fault.holds_at(since_s)]
 
     def take(self, topic: str, msgtype: str, data: bytes, now_ns: int) -> list[tuple[int, bytes]]:
-        """(when, bytes) of everything that is to be delivered for this message."""
+        """(due time in ns, bytes) of everything to deliver for this message."""
         if self.start_ns is None:
             self.start_ns = now_ns
         since_s = (now_ns - self.start_ns) * 1e-9

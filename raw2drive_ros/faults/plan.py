@@ -28,7 +28,7 @@ Kind = Literal[
     'swing',
     'lock',
 ]
-# What `amount` is for each kind, and how much where the plan does not say. None: the kind has no amount.
+# Meaning and default of `amount` by kind. None: the kind takes no amount.
 AMOUNTS: dict[str, tuple[str, float] | None] = {
     'drop': ('share of messages', 1.0),
     'delay': ('seconds', 0.5),
@@ -50,7 +50,7 @@ IMAGES, VALUES, COMMANDS = ('black', 'white', 'shrink'), ('nan', 'scale'), ('swi
 class Fault(Strict):
     """topic: a name or a pattern with `*`. start_s, duration_s: of ROS time since the start of the drive.
 
-    kind: drop (lose a share), delay (arrive later), freeze (the content of the last one before, under new stamps),
+    kind: drop (lose a share), delay (arrive later), freeze (the last content before the fault, under new stamps),
     duplicate (arrive twice), stamp (wrong stamps), nan, noise, scale (values times a factor), black and white (images),
     shrink (images whose size contradicts their data), swing and lock (steering of commands).
     """
@@ -87,16 +87,16 @@ class Fault(Strict):
         return self.amount if self.amount is not None else (found[1] if found else 0.0)
 
     def holds(self, topic: str, since_start_s: float) -> bool:
-        """Is this topic at fault at this time?"""
+        """Whether the fault affects `topic` at this time."""
         return self.holds_at(since_start_s) and fnmatchcase(topic, self.topic)
 
     def holds_at(self, since_start_s: float) -> bool:
-        """Is this the time of the fault?"""
+        """Whether the fault is active at this time."""
         return self.start_s <= since_start_s < self.start_s + self.duration_s
 
 
 class FaultPlans(Strict):
-    """The whole file. plans: name -> faults that come together."""
+    """The whole file. plans: name -> faults that are applied together."""
 
     seed: int = 0
     plans: dict[str, list[Fault]] = Field(min_length=1)
@@ -120,7 +120,7 @@ def touched_topics(faults: list[Fault]) -> list[str]:
 
 
 def behind_injector(topic: str) -> str:
-    """Where the injector node publishes what it has made of a topic."""
+    """Topic on which the injector node publishes its version of `topic`."""
     return '/faulty' + topic
 
 

@@ -1,1 +1,1 @@
-"""Processes of a ROS graph on this machine: starting, driving and ending them. No rclpy in here; nodes have it."""
+"""Processes of a ROS graph on this machine: starting, driving and ending them. No rclpy here: it is in `nodes`."""

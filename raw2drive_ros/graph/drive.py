@@ -1,4 +1,4 @@
-"""Routes through the real ROS graph: every node its own process, lock-step or real time; the same scores."""
+"""Drives routes through the real ROS graph, one process per node, in lock-step or real time; scores as in process."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ POLL_S = 0.3
 
 @dataclass(frozen=True, slots=True)
 class GraphJob:
-    """out: folder for everything. max_ticks: cut each route, 0 = never. bundle: of the planner; without one, the
-    bridge's `sim_driver` (of stage-1 run `run`) drives. record: into `out`/bag. faults: file of plans, and the plan
-    that a fault injector plays between all of them."""
+    """out: folder for everything. max_ticks: end each route after that; 0: never. bundle: of the planner; without one
+    the bridge's `sim_driver` (of stage-1 run `run`) drives. record: to `out`/bag. faults: (file of plans, plan) for a
+    fault injector between vehicle, planner and gate."""
 
     out: Path
     routes: tuple[RouteId, ...]
@@ -51,7 +51,7 @@ def drive_graph(
     """Start the nodes, wait for the bridge to finish, end them: (rows, timing).
 
     on_progress: percent of all routes, and a note. on_row: each row as soon as its route is driven.
-    Raises GraphError when any process dies, ResultsError for a row that is none.
+    Raises GraphError when any process dies, ResultsError for a malformed row.
     """
     from raw2drive_ros.evaluation.results import result_from_row
     from raw2drive_ros.graph.processes import running_graph
@@ -60,7 +60,7 @@ def drive_graph(
     with running_graph(out / 'logs', domain) as graph:
         _start(graph, job)
         _wait(graph, out, len(job.routes), on_progress, on_row)
-        # The planner and the recorder first write their figures, then the rest may go.
+        # The planner and the recorder first write their statistics; then the rest may end.
         graph.end(order=('planner', 'recorder'))
     driven = json.loads((out / 'bridge.json').read_text())
     rows = [result_from_row(row, f'{out / "bridge.json"}: row {n}') for n, row in enumerate(driven['routes'], 1)]
@@ -116,7 +116,7 @@ def _start(graph: Graph, job: GraphJob) -> None:
 
 
 def _wait(graph: Graph, out: Path, count: int, on_progress: OnProgress, on_row: OnRow) -> None:
-    """Until the bridge has finished. Raises GraphError when any process dies, ResultsError for a row that is none."""
+    """Wait until the bridge has finished. Raises GraphError when any process dies, ResultsError for a malformed row."""
     from raw2drive_ros.evaluation.results import result_from_line
 
     progress, rows = Tail(out / 'progress.jsonl'), Tail(out / 'rows.jsonl')

@@ -11,7 +11,7 @@ from typing import Any
 from raw2drive_ros.errors import GraphError
 from raw2drive_ros.graph.processes import END_WITHIN_S, running_graph
 
-# The gate's comfortable stop, then its emergency stop with the shipped brakes: enough from 30 m/s.
+# Enough for a comfortable and then an emergency stop of the gate from 30 m/s, with the shipped brakes.
 SURVIVES_S = 8.0
 
 
@@ -25,7 +25,7 @@ def run_single(
 ) -> int:
     """Start each node with its parameters, pass their log lines on, and end them all together.
 
-    survivor: a node that is given SURVIVES_S to do what has to be done when another one has died.
+    survivor: a node that runs on for SURVIVES_S after another one has died, such as the gate to stop the car.
     """
     with tempfile.TemporaryDirectory(prefix='raw2drive_') as folder, running_graph(Path(folder), domain) as graph:
         for name, parameters in nodes.items():
@@ -33,7 +33,7 @@ def run_single(
         print(f'{", ".join(nodes)} running in ROS domain {domain}; Ctrl-C ends', file=sys.stderr)
         offsets = dict.fromkeys(nodes, 0)
         while True:
-            # Before its log is read: what a process says at its end is read too.
+            # Before the logs are read, so that the last lines of an ended process are read too.
             done = [name for name in nodes if graph.ended(name)]
             for name in nodes:
                 offsets[name] = _follow(Path(folder) / f'{name}.log', offsets[name])
@@ -42,7 +42,7 @@ def run_single(
                     print(f'{graph.how_it_ended(done[0])}; {survivor} goes on for {SURVIVES_S:.0f} s', file=sys.stderr)
                     _follow_for(Path(folder) / f'{survivor}.log', offsets[survivor], SURVIVES_S)
                 code = graph.processes[done[0]].returncode
-                # Its last words are on the terminal already.
+                # Its last log lines are on the terminal already.
                 if code > 0:
                     raise GraphError(f'{done[0]} ended with code {code}')
                 if code < 0:

@@ -1,4 +1,4 @@
-"""What processes hold of the machine: memory, handles, threads, shared-memory segments."""
+"""Resource usage of processes: memory, file handles, threads, shared-memory segments."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ SHARED_MEMORY = '/dev/shm/'
 
 
 def process_values(name: str, pid: int) -> dict[str, float]:
-    """'name/quantity' -> number; memory without what is shared with others. Empty for a process that has ended."""
+    """'name/quantity' -> number; memory that is not shared (USS), in MiB. Empty for a process that has ended."""
     try:
         process = psutil.Process(pid)
         with process.oneshot():
@@ -27,7 +27,7 @@ def process_values(name: str, pid: int) -> dict[str, float]:
 
 
 def folder_mib(folder: Path) -> float:
-    """Size of all files below, those that go while we look left out."""
+    """Size of all files below, in MiB; files that vanish meanwhile are left out."""
     total = 0
     for path in folder.rglob('*'):
         try:

@@ -1,4 +1,4 @@
-"""Starting the graph as separate processes and ending it: no orphan, no process that outlives its parent's patience."""
+"""Starts the graph as separate processes and ends it: no orphans, and SIGKILL for a process that takes too long."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def reserve_domain(wanted: int | None, lock_folder: Path = Path('/tmp')) -> Iter
 class Graph:
     """Processes by name, each in its own group, each logging to `<folder>/<name>.log`.
 
-    patience_s: how long those that need more than END_WITHIN_S may take to end.
+    patience_s: how long each process may take to end before SIGKILL.
     """
 
     folder: Path
@@ -102,7 +102,7 @@ class Graph:
         return self.processes[name].poll() is not None
 
     def how_it_ended(self, name: str) -> str:
-        """Of a process that has: its code and last words, or the signal that killed it, which had no last words."""
+        """For a process that has ended: its exit code and last log line, or the signal that killed it."""
         code = self.processes[name].returncode
         if code < 0:
             hint = '; `raw2drive bag recover` saves what it wrote' if name == 'recorder' else ''
@@ -110,7 +110,7 @@ class Graph:
         return f'{name} ended with code {code}: {self.last_words(name)}'
 
     def last_words(self, name: str) -> str:
-        """The most telling line of a process's log."""
+        """The last error line of a process's log, or else its last line."""
         text = (self.folder / f'{name}.log').read_text(errors='replace').strip().splitlines()
         errors = [line for line in text if line.startswith('error:') or '[ERROR]' in line]
         return (errors or text or ['it said nothing'])[-1].removeprefix('error: ')
@@ -142,7 +142,7 @@ class Graph:
 
 @contextlib.contextmanager
 def running_graph(folder: Path, domain: int) -> Iterator[Graph]:
-    """A graph that is ended however the block is left."""
+    """A graph that is ended in whatever way the block is left."""
     from raw2drive_ros.nodes.transport import child_environment
 
     if not 0 <= domain <= 101:

@@ -1,7 +1,7 @@
-"""Whole graphs in lock-step for hours, sampled now and then: what `raw2drive soak` runs.
+"""Runs whole graphs in lock-step for hours and samples them periodically, for `raw2drive soak`.
 
 Bridge (all routes of a suite, again and again), planner, gate, and a recorder that keeps the last seconds in memory.
-What the samples say is judged in `evaluation.soak`.
+The samples are evaluated in `evaluation.soak`.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ SAMPLES = 'samples.jsonl'
 
 @dataclass(frozen=True, slots=True)
 class SoakPlan:
-    """out: folder of `SAMPLES` and of a folder per graph. graphs: that run at once and share the hours, each a part of
-    its own from `first_part` on. domain: None is the first free one."""
+    """out: folder of `SAMPLES` and of a folder per graph. graphs: number that run in parallel and share the hours, each
+    as a part, numbered from `first_part`. domain: None for the first free one."""
 
     out: Path
     suite: str
@@ -69,7 +69,7 @@ def soak(plan: SoakPlan, hours: float, on_progress: Callable[[float, str], None]
 
 
 class _Part:
-    """A graph, how far its bridge has driven, and what its processes hold."""
+    """A graph, how far its bridge has driven, and the resource usage of its processes."""
 
     def __init__(self, number: int, folder: Path, graph: Graph) -> None:
         self.number, self.folder, self.graph = number, folder, graph
@@ -77,7 +77,7 @@ class _Part:
         self.driven_ticks, self.episodes, self.simulated_s, self.ticks_per_s = 0, 0, 0.0, 0.0
 
     def follow(self) -> None:
-        """Read on in the bridge's progress. Raises GraphError when a process has ended."""
+        """Read the bridge's new progress lines. Raises GraphError when a process has ended."""
         self.graph.check()
         for state in self.progress.new():
             self.ticks_per_s = state['ticks_per_s']
@@ -86,7 +86,7 @@ class _Part:
                 self.episodes, self.driven_ticks = self.episodes + 1, self.driven_ticks + state['ticks']
 
     def sample(self, file: Path) -> None:
-        """Append what the graph's processes hold now."""
+        """Append the current resource usage of the graph's processes."""
         _drop_old(self.folder / 'snapshots')
         values = {'graph/logs_mib': folder_mib(self.folder / 'logs')}
         for name, process in self.graph.processes.items():
@@ -113,6 +113,6 @@ def _start(graph: Graph, folder: Path, plan: SoakPlan) -> None:
 
 
 def _drop_old(snapshots: Path) -> None:
-    """Every stop of the gate is a bag of some 50 MB; hours of them are not what is tested here."""
+    """Delete old snapshots: every stop of the gate makes a bag of some 50 MB, and these are not what is tested here."""
     for bag in sorted(snapshots.glob('snapshot_*'), key=lambda path: int(path.name.split('_')[-1]))[:-KEPT_SNAPSHOTS]:
         shutil.rmtree(bag, ignore_errors=True)

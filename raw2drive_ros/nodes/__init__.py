@@ -1,1 +1,1 @@
-"""rclpy lives here and nowhere else; every node is thin around functions that are tested without ROS."""
+"""The only package that imports rclpy; nodes are thin wrappers around functions that are tested without ROS."""

@@ -1,7 +1,7 @@
-"""Simulation bridge: publishes everything of every tick, and drives the simulated car by the commands.
+"""Simulation bridge: publishes all topics of every tick and applies the commands to the simulated car.
 
-Lock-step: waits for the command that carries the tick's stamp, exact and faster than real time.
-Real time: paced by the wall clock; a late command is late, as on a car.
+Lock-step: waits for the command with the tick's stamp; reproducible, and faster than real time.
+Real time: paced by the wall clock; commands may come late, as on a car.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 from raw2drive_ros.timing import load_timing
 
-# Nodes that take odometry, and no other sensor topic.
+# Nodes that subscribe to odometry and to no other sensor topic.
 ODOMETRY_ONLY = ('safety_gate', 'command_adapter')
 PARAMETERS: dict[str, tuple[Any, str]] = {
-    'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: the next three, then on'),
+    'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: endless, see scenario'),
     'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
     'seed': (0, 'seed for ~/reset and for endless driving'),
     'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
@@ -95,7 +95,7 @@ class BridgeNode(Node):
         if self.sim_driver is not None:
             self.outputs[topics.PROPOSED] = make_publisher(self, topics.PROPOSED)
         self.create_service(Trigger, '~/reset', self._on_reset)
-        # Only a gate that was told that all this is a simulation has it.
+        # Only a gate with the parameter `simulated` offers it.
         self.gate_start_over = self.create_client(Trigger, '/safety_gate/start_over')
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
@@ -103,7 +103,7 @@ class BridgeNode(Node):
         self.reset_to: RouteId | None = None
         self.proposed: Decision | None = None
         self.paused = False
-        # Who drives on for ever may not remember for ever; what fills for hours looks like a leak.
+        # Bounded, and small where driving is endless: a buffer that fills for hours looks like a leak.
         self.tick_ms: deque[float] = deque(maxlen=10_000 if self.endless else 100_000)
         self.recent_ms: deque[float] = deque(maxlen=50)
         self.results: deque[dict[str, Any]] = deque(maxlen=1 if self.endless else None)
@@ -130,7 +130,7 @@ class BridgeNode(Node):
                 route, self.reset_to = self.reset_to, None
             self._drive(route, index)
             index += self.reset_to is None
-        # Publishers take what nobody has received yet with them when they go.
+        # A destroyed publisher drops what was not acknowledged yet.
         for publisher in self.outputs.values():
             publisher.wait_for_all_acked(Duration(seconds=1))
         self._write_results()
@@ -182,7 +182,7 @@ class BridgeNode(Node):
         self.executor_.spin_until_future_complete(answer, timeout_sec=self.timing.lock_step_timeout_s)
         if not answer.done():
             self.gate_start_over.remove_pending_request(answer)
-            self.get_logger().warning('the safety gate has not answered ~/start_over; a stop of its may go on')
+            self.get_logger().warning('the safety gate has not answered ~/start_over; a stop may stay latched')
 
     def _publish_again(self, tick: Tick) -> None:
         self._publish_route(tick)
@@ -193,7 +193,7 @@ class BridgeNode(Node):
     # -- publishing -------------------------------------------------------------------------------
 
     def _publish_route(self, tick: Tick, *, wait: bool = True) -> None:
-        """Latched and repeated; a new one is acknowledged before the first image of its episode is sent."""
+        """wait: until subscribers have acknowledged it, so that a new route precedes the first image of its episode."""
         topic, _, message = self.messages.route(tick)
         publisher = self.outputs[topic]
         publisher.publish(message)
@@ -252,7 +252,7 @@ class BridgeNode(Node):
     # -- start and end ----------------------------------------------------------------------------
 
     def _check_alone(self) -> None:
-        """Two bridges in one domain would mix two worlds."""
+        """Raises NodeError for a second bridge in the domain, which would mix two simulations."""
         deadline = time.perf_counter() + 1.0
         while time.perf_counter() < deadline:
             self.executor_.spin_once(timeout_sec=0.1)
@@ -278,15 +278,15 @@ class BridgeNode(Node):
                 self.get_logger().warning(f'{missing} so far; waiting on')
                 deadline = time.perf_counter() + self.timing.discovery_timeout_s
             self.executor_.spin_once(timeout_sec=0.1)
-        # Planner and gate have to find each other too, which nobody here can see.
+        # Planner and gate have to discover each other too, which this node cannot observe.
         deadline = time.perf_counter() + 1.0
         while time.perf_counter() < deadline:
             self.executor_.spin_once(timeout_sec=0.1)
 
     def _wanted_subscribers(self) -> dict[str, int]:
-        """Subscribers to wait for, by topic: discovery matches topic by topic, and one says nothing about the next.
+        """Number of subscribers to wait for, by topic: DDS matches each topic on its own.
 
-        A sim driver is in the planner's place: it needs no topic to see, and what it proposes has to reach the gate.
+        A sim driver replaces the planner: it needs no sensor topic, and its proposals have to reach the gate.
         """
         listeners = int(self.p['wait_for_sensor_subscribers'])
         unused = {topics.IMU_EXTRINSICS}
@@ -297,14 +297,14 @@ class BridgeNode(Node):
         return dict.fromkeys(sensors, listeners - 1) | {topics.PROPOSED: listeners}
 
     def _missing_peer(self, wanted: dict[str, int]) -> str:
-        """The first that is not there yet, in words; '' when all are."""
+        """Describes the first peer that is missing; '' when all are there."""
         for name, count in wanted.items():
             if (found := self._listeners(name)) < count:
                 return f'{found} of {count} subscribers on {name}'
         return '' if self.count_publishers(topics.COMMAND) else f'no publisher on {topics.COMMAND}'
 
     def _listeners(self, name: str) -> int:
-        """Matched subscribers; on sensor topics without gate and command adapter, which take odometry alone."""
+        """Matched subscribers; on sensor topics without gate and command adapter, which need odometry only."""
         publisher = self.outputs[name]
         found = int(publisher.get_subscription_count())
         if name == topics.PROPOSED:
@@ -359,6 +359,7 @@ def _parse_episodes(text: str) -> list[RouteId]:
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the simulation bridge and return the exit code."""
     return run_node(BridgeNode, args)
 
 

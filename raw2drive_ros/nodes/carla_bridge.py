@@ -28,7 +28,7 @@ DEFAULTS = CarlaSettings(imu_x_m=IMU_X_M)
 
 
 class CarlaBridgeNode(Node):
-    """The cameras are those of the bundle, at its mounting poses, in the middle of whatever car is chosen."""
+    """Mounts the bundle's cameras at their poses in the bundle, from the middle of the chosen car."""
 
     def __init__(self) -> None:
         super().__init__('carla_bridge')
@@ -58,14 +58,14 @@ class CarlaBridgeNode(Node):
         self.outputs = {name: make_publisher(self, name) for name in topics.CARLA_BRIDGE_TOPICS}
         self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
-        # Last: whatever fails before it leaves nothing on the server, and it cleans up after itself.
+        # Last: a failure before this leaves nothing on the server, and CarlaVehicle cleans up after its own failures.
         self.vehicle = CarlaVehicle(CarlaSettings(**{name: p[name] for name in names}, imu_x_m=IMU_X_M), rig)
         self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish, clock=steady_clock())
         if self.vehicle.versions[0] != self.vehicle.versions[1]:
             self.get_logger().warning('client {} and server {} differ'.format(*self.vehicle.versions))
 
     def run(self, executor: SingleThreadedExecutor) -> None:
-        """Tick the server until the context ends; the first ticks stand on the brake."""
+        """Tick the server until the context ends or `max_ticks` are driven; the first step brakes fully."""
         tick = self.vehicle.step(Control(brake=1.0))
         for topic, _, message in self.messages.latched(tick.stamp_ns):
             self.outputs[topic].publish(message)
@@ -104,6 +104,7 @@ class CarlaBridgeNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the CARLA bridge and return the exit code."""
     return run_node(CarlaBridgeNode, args)
 
 

@@ -1,7 +1,7 @@
-"""Command adapter: /control/command in, the message of another kind of vehicle out. The vehicle's end of the contract.
+"""Command adapter: converts /control/command to the message of another kind of vehicle.
 
-It keeps the promises that a vehicle makes: a command is held for `command_hold_s`, then the brake is asked for, for
-ever; a message that is no valid command is no command. Times are those of the steady clock.
+It fulfils the vehicle's side of the contract: a command is held for `command_hold_s`, then braking is requested until
+the next one; an invalid command is ignored. Times are measured on the steady clock.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from raw2drive_ros.timing import load_timing
 
 
 class CommandAdapterNode(Node):
-    """Publishes at the gate's rate, whatever comes in, and at once when a command comes."""
+    """Publishes at the gate's rate whether or not commands arrive, and at once when one does."""
 
     def __init__(self) -> None:
         super().__init__('command_adapter')
@@ -39,7 +39,7 @@ class CommandAdapterNode(Node):
             self,
             {
                 'output': ('twist', f'what the vehicle takes: {", ".join(ADAPTERS)}'),
-                'topic': ('', 'where it listens (default: the custom of such vehicles)'),
+                'topic': ('', 'where it listens (default: the usual topic of such vehicles)'),
                 'config': ('', "the car's figures, as for the safety gate (default: params/gate.yaml)"),
                 'horizon_s': (0.5, 'how far ahead a speed is asked for: about the time its speed controller takes'),
             },
@@ -123,6 +123,7 @@ class CommandAdapterNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the command adapter and return the exit code."""
     return run_node(CommandAdapterNode, args)
 
 

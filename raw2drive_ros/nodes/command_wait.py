@@ -1,4 +1,4 @@
-"""The vehicle's end of /control/command for bridges: wait for the answer to a tick, and never drive on without one."""
+"""The vehicle's side of /control/command for bridges: wait for the command of a tick, or replace a missing one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RESEND_AFTER_S = 1.0
 
 
 class CommandWait:
-    """lock_step: wait for the command with the tick's stamp. Otherwise take what has come when its time is up."""
+    """lock_step: wait for the command with the tick's stamp. Otherwise use the newest one when the period is over."""
 
     def __init__(self, node: Node, losses: LossCounter, *, lock_step: bool) -> None:
         self.node, self.lock_step = node, lock_step
@@ -34,7 +34,7 @@ class CommandWait:
         make_subscription(node, topics.COMMAND, self._on_command, losses)
 
     def begin(self) -> None:
-        """A new episode: nothing is held, and the schedule of real time starts now."""
+        """Start an episode: no command is held, and the real-time schedule starts now."""
         self.policy.reset()
         self.answer = None
         self.due = time.perf_counter()
@@ -56,14 +56,14 @@ class CommandWait:
     ) -> Control:
         """The command for the tick of `stamp_ns`, or what `CommandPolicy` puts in its place.
 
-        resend: publishes the tick again, for peers that had not found each other yet (lock-step). interrupted: ends the
-        wait before its time.
+        resend: publishes the tick again, for peers that had not discovered each other yet (lock-step). interrupted:
+        True ends the wait early.
         """
         started = time.perf_counter()
         if self.lock_step:
             deadline = started + self.timing.lock_step_timeout_s
         else:
-            # A fixed schedule: simulating a tick takes from its own time, not from the next one's.
+            # A fixed schedule: the time that a tick takes to simulate is part of its period.
             self.due = max(self.due + 1.0 / DECISION_HZ, started)
             deadline = self.due
             executor.spin_once(timeout_sec=0.0)

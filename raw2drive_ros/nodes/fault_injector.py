@@ -1,6 +1,6 @@
-"""Fault injector: between vehicle, planner and gate; passes every topic of a plan on, with the plan's faults.
+"""Fault injector between vehicle, planner and gate: relays every topic of a plan and applies the plan's faults.
 
-It hears `TOPIC` and publishes `/faulty/TOPIC`: whoever is to suffer is started with that topic remapped.
+It subscribes to `TOPIC` and publishes `/faulty/TOPIC`; the nodes under test are started with that remapping.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DELIVER_HZ = 200.0
 
 
 class FaultInjectorNode(Node):
-    """Times of the plan count from the first message that it hears."""
+    """Times of the plan count from the first message that it receives."""
 
     def __init__(self) -> None:
         super().__init__('fault_injector')
@@ -69,7 +69,7 @@ class FaultInjectorNode(Node):
                     heapq.heappush(self.waiting, (due_ns, next(self.order), output, changed))
             holds = self.injector.now(now_ns)
             if holds != self.said:
-                # What a fault causes is reported at once, and so is the fault.
+                # Other nodes report the effects of a fault at once, so the fault itself is reported at once too.
                 self.said = holds
                 self.diagnostics.publish()
 
@@ -82,7 +82,7 @@ class FaultInjectorNode(Node):
             output.publish(data)
 
     def _report(self) -> None:
-        """What is being done to whom, once a second; logged while it changes."""
+        """Publish diagnostics once a second; log how many messages each fault has affected when that changes."""
         self.diagnostics.publish()
         if self.injector.counts != self.reported:
             self.reported = dict(self.injector.counts)
@@ -95,6 +95,7 @@ class FaultInjectorNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the fault injector and return the exit code."""
     return run_node(FaultInjectorNode, args)
 
 

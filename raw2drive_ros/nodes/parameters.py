@@ -1,4 +1,4 @@
-"""Parameters with descriptions, and values of the default's type."""
+"""Declares parameters with descriptions; values have the type of the default."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 Check = Callable[[Any], object]
-# Of every node, by rclpy.
+# Parameters that rclpy declares for every node.
 BUILT_IN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 def declare(node: Node, table: dict[str, tuple[Any, str]], live: dict[str, Check] | None = None) -> dict[str, Any]:
-    """name -> (default, description); returns the values in force. Raises ValueError for a name that nobody knows: a
-    mistyped one must not leave a default in force. The checks look at the first values too.
+    """Declare the parameters of `table`, name -> (default, description), and return their values.
 
-    live: parameters that may be set while the node runs, each with a check that raises ValueError or KeyError for a
-    value that will not do. All others are read once: setting them later is refused with that reason, instead of being
-    ignored.
+    live: parameters that may be set while the node runs, each with a check that raises ValueError or KeyError for an
+    unusable value; initial values are checked too. All others are read once: setting them later is refused with that
+    reason instead of being ignored. Raises ValueError for an unusable initial value and for an unknown name: a misspelt
+    one must not leave a default in force.
     """
-    # rclpy has no public list of what was given at the start.
+    # rclpy has no public list of the overrides given at start.
     given = getattr(node, '_parameter_overrides', {})
     unknown = sorted(name for name in given if name not in table and not name.startswith(BUILT_IN))
     if unknown:
@@ -56,7 +56,7 @@ def declare(node: Node, table: dict[str, tuple[Any, str]], live: dict[str, Check
 
 
 def wants_compressed(image_transport: str) -> bool:
-    """Whether the parameter `image_transport` asks for compressed images. Raises ValueError for another word."""
+    """Whether the parameter `image_transport` asks for compressed images. Raises ValueError for another value."""
     if image_transport not in ('raw', 'compressed'):
         raise ValueError(f'image_transport {image_transport!r}: use raw or compressed')
     return image_transport == 'compressed'

@@ -42,7 +42,7 @@ BACK_S = 0.5
 
 
 class PlannerNode(LifecycleNode):
-    """configure loads and warms the model, activate starts listening and publishing."""
+    """configure loads the model and warms it up, activate creates the sensor subscriptions."""
 
     def __init__(self) -> None:
         super().__init__('planner')
@@ -66,18 +66,18 @@ class PlannerNode(LifecycleNode):
         self.report = HealthReport()
         self.newest_ns = 0
         self.refusal_logged: dict[str, float] = {}
-        self._inputs: list[Any] = []
+        self.sensor_subscriptions: list[Any] = []
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.watch_clock = steady_clock()
         self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish, clock=self.watch_clock)
-        # Silence has no callback of its own.
+        # A missing message triggers no callback: a timer checks for silence.
         self.create_timer(1.0 / DECISION_HZ, self._watch, clock=self.watch_clock)
-        # A bag that starts over, a simulation that is set back: what was seen belongs to another time.
+        # When a bag loops or a simulation is reset, the samples so far belong to another time.
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(seconds=-BACK_S), on_clock_change=False)
         self.jumps = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)
 
     def create_subscription(self, msg_type: Any, topic: str, *args: Any, **kwargs: Any) -> Any:
-        """Refuses privileged topics, whoever asks."""
+        """Raises PrivilegedImportError for a privileged topic, whoever subscribes."""
         refuse_privileged_topic(topic)
         return super().create_subscription(msg_type, topic, *args, **kwargs)
 
@@ -91,7 +91,7 @@ class PlannerNode(LifecycleNode):
     # -- lifecycle --------------------------------------------------------------------------------
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load and warm the bundle; a failure leaves the node unconfigured and says why."""
+        """Load the bundle and warm it up; a failure leaves the node unconfigured and is logged."""
         try:
             if not self.p['bundle']:
                 raise BundleError('parameter `bundle` is empty; give the folder of a policy bundle')
@@ -112,16 +112,16 @@ class PlannerNode(LifecycleNode):
         assert self.planner is not None and self.inputs is not None
         self.planner.start(self._now_ns())
         for topic in self.inputs.topics:
-            self._inputs.append(make_subscription(self, topic, self._receiver(topic), self.losses))
+            self.sensor_subscriptions.append(make_subscription(self, topic, self._receiver(topic), self.losses))
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Falls silent; the gate then stops the car."""
+        """Stop proposing; the gate then stops the car."""
         self._stop_listening()
         return super().on_deactivate(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """From any state, active too: nothing more is proposed."""
+        """From any state, also the active one: nothing more is proposed."""
         self._stop_listening()
         return super().on_shutdown(state)
 
@@ -136,9 +136,9 @@ class PlannerNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _stop_listening(self) -> None:
-        for subscription in self._inputs:
+        for subscription in self.sensor_subscriptions:
             self.destroy_subscription(subscription)
-        self._inputs.clear()
+        self.sensor_subscriptions.clear()
 
     # -- inputs -----------------------------------------------------------------------------------
 
@@ -158,7 +158,7 @@ class PlannerNode(LifecycleNode):
         return callback
 
     def _on_refused(self, name: str, why: str) -> None:
-        # Once a second for each input: the logger's own throttle would let one input hide another.
+        # At most once a second per input: the logger's throttle would let one input hide another.
         now_s = time.monotonic()
         if now_s - self.refusal_logged.get(name, -math.inf) >= 1.0:
             self.refusal_logged[name] = now_s
@@ -174,18 +174,18 @@ class PlannerNode(LifecycleNode):
             self.planner.start(self.newest_ns, same_vehicle=True)
 
     def _watch(self) -> None:
-        """What is wrong with the sensors is logged and published when it changes."""
-        if not self._inputs or self.planner is None:
+        """Check the sensors; log and publish what has changed."""
+        if not self.sensor_subscriptions or self.planner is None:
             return
-        # rclpy tells of jumps of simulated time only; a system clock may be set as well.
+        # rclpy reports jumps of simulated time only, but the system clock may be set back too.
         back_s = (self.newest_ns - self._now_ns()) * 1e-9
         if back_s > BACK_S:
             self._start_anew(back_s)
         self.newest_ns = self._now_ns()
         self.planner.look(self.newest_ns)
-        lines = self.report.lines(self.planner.findings, self.planner.monitor.complete)
+        lines = self.report.lines(self.planner.findings, complete=self.planner.monitor.complete)
         for line in lines:
-            # Apart: rclpy wants one severity for each place of call.
+            # Two calls: rclpy allows one severity per call site.
             if line.alarming:
                 self.get_logger().warning(line.text)
             else:
@@ -196,7 +196,7 @@ class PlannerNode(LifecycleNode):
     # -- reporting --------------------------------------------------------------------------------
 
     def figures(self) -> dict[str, Any]:
-        """Latency of sensor frame to decision in this process, and what was lost."""
+        """Latency from sensor frame to decision in this process (ms), and counts of lost and refused messages."""
         latency_ms = self.planner.latency_ms if self.planner is not None else ()
         p50, p99 = np.percentile(latency_ms, [50, 99]) if latency_ms else (None, None)
         return {
@@ -210,7 +210,7 @@ class PlannerNode(LifecycleNode):
         values = self.figures()
         if self.planner is None:
             return (ERROR, self.failure, values) if self.failure else (OK, 'not configured', values)
-        if not self._inputs:
+        if not self.sensor_subscriptions:
             return WARN, 'not active: proposes nothing', values
         health = self.planner.health
         values |= {
@@ -239,6 +239,7 @@ class PlannerNode(LifecycleNode):
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the planner and return the exit code."""
     return run_node(PlannerNode, args)
 
 

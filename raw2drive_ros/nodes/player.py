@@ -1,4 +1,4 @@
-"""Player: the sensor topics of a bag into the graph, with /clock, at a rate; commands are not replayed."""
+"""Player: publishes the sensor topics of a bag and /clock at a chosen rate; commands are not replayed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _not_negative(value: float) -> None:
 
 class PlayerNode(Node):
     """Publishes the bag's own CDR bytes untouched. Services: ~/pause, ~/step (one stamp further while paused), ~/seek
-    (to the parameter `start_s`). A jump back goes out on /clock, by which the other nodes start anew."""
+    (to the parameter `start_s`). A jump back is visible on /clock, and makes the other nodes start again."""
 
     def __init__(self) -> None:
         super().__init__('player')
@@ -105,7 +105,7 @@ class PlayerNode(Node):
         if start_ns > reader.end_time:
             raise NodeError(f'start_s is beyond the end of the bag, which lasts {self.lasts_s:.1f} s')
         self._set_clock(start_ns)
-        self._say_again(reader, connections, start_ns)
+        self._publish_latched(reader, connections, start_ns)
         anchor_s, anchor_ns, rate = time.monotonic(), start_ns, self._rate()
         for connection, stamp_ns, data in messages_in(reader, connections=connections, start=start_ns):
             if stamp_ns != self.now_ns:
@@ -125,7 +125,7 @@ class PlayerNode(Node):
         return END
 
     def _wait_while_paused(self, executor: SingleThreadedExecutor) -> bool:
-        """Until it goes on; True when it does not go on from here."""
+        """Wait until playing continues; True when it does not continue from here (seek or shutdown)."""
         if self.steps:
             self.steps -= 1
             return False
@@ -136,8 +136,8 @@ class PlayerNode(Node):
         self.steps = max(0, self.steps - 1)
         return self.seek
 
-    def _say_again(self, reader: Any, connections: list[Any], start_ns: int) -> None:
-        """Routes and mounting poses from before the start, which are sent once."""
+    def _publish_latched(self, reader: Any, connections: list[Any], start_ns: int) -> None:
+        """Publish the last routes and mounting poses from before the start, which are not sent again."""
         latched = [c for c in connections if topics.BY_NAME[c.topic].qos.latched]
         last: dict[str, bytes] = {}
         if latched:
@@ -174,6 +174,7 @@ class PlayerNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the player and return the exit code."""
     return run_node(PlayerNode, args)
 
 

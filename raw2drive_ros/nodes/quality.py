@@ -22,7 +22,7 @@ from msg_adapters.factory import RclpyFactory
 from raw2drive_ros import topics
 
 _FACTORY = RclpyFactory()
-# Two tuples: publishers' and subscriptions' events compare as numbers, and the same number means other things.
+# Two tuples: events of publishers and subscriptions compare as integers, and their values overlap.
 _PUBLISHER_DISCOVERY = (
     QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
     QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
@@ -31,15 +31,17 @@ _SUBSCRIPTION_DISCOVERY = (
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
 )
-# Longer than any node's spin waits for, so that a spin begins in every window.
+# The window is longer than the time-out of any node's spin, so that a spin begins in every window.
 _WINDOW_S, _PERIOD_S = 0.25, 1.0
 
 
 def message_class(msgtype: str) -> Any:
+    """The rclpy class of e.g. 'sensor_msgs/msg/Image'."""
     return type(_FACTORY.new(msgtype))
 
 
 def profile_of(spec: topics.TopicSpec, depth: int | None = None) -> QoSProfile:
+    """The rclpy QoS profile of a topic. depth: messages to queue, in place of the table's."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth or spec.qos.depth,
@@ -49,7 +51,7 @@ def profile_of(spec: topics.TopicSpec, depth: int | None = None) -> QoSProfile:
 
 
 class LossCounter:
-    """Messages lost per topic, from the QoS event of the same name."""
+    """Counts lost messages by topic, from the QoS event MESSAGE_LOST."""
 
     def __init__(self) -> None:
         self.lost: dict[str, int] = {}
@@ -65,19 +67,19 @@ class LossCounter:
         return SubscriptionEventCallbacks(message_lost=on_lost)
 
 
-class _Seldom(ReentrantCallbackGroup):
-    """Looked at in one window of each second.
+class _WindowedGroup(ReentrantCallbackGroup):
+    """A callback group that is handled in one window of each second only.
 
-    rclpy builds its wait set anew for nearly every message, and every event of every topic has its share in the cost.
+    rclpy builds its wait set again for nearly every message, and each event of each topic adds to the cost.
     """
 
     def can_execute(self, entity: Any) -> bool:
         return time.monotonic() % _PERIOD_S < _WINDOW_S
 
 
-def _look_seldom(endpoint: Any, events: tuple[Any, ...]) -> Any:
-    """Peers with another type or QoS are warned of as rclpy does, within some _PERIOD_S."""
-    group = _Seldom()
+def _handle_in_windows(endpoint: Any, events: tuple[Any, ...]) -> Any:
+    """Put these events into a `_WindowedGroup`: rclpy warns of incompatible peers a few _PERIOD_S later."""
+    group = _WindowedGroup()
     for handler in endpoint.event_handlers:
         if handler.event_type in events:
             handler.callback_group = group
@@ -86,8 +88,9 @@ def _look_seldom(endpoint: Any, events: tuple[Any, ...]) -> Any:
 
 
 def make_publisher(node: Node, topic: str) -> Publisher:
+    """A publisher with type and QoS of the topic table."""
     spec = topics.BY_NAME[topic]
-    return _look_seldom(
+    return _handle_in_windows(
         node.create_publisher(
             message_class(spec.msgtype), topic, profile_of(spec), event_callbacks=PublisherEventCallbacks()
         ),
@@ -104,8 +107,12 @@ def make_subscription(
     raw: bool = False,
     depth: int | None = None,
 ) -> Subscription:
+    """A subscription with type and QoS of the topic table; its lost messages are counted in `losses`.
+
+    raw: the callback takes CDR bytes instead of messages. depth: messages to queue, in place of the table's.
+    """
     spec = topics.BY_NAME[topic]
-    return _look_seldom(
+    return _handle_in_windows(
         node.create_subscription(
             message_class(spec.msgtype),
             topic,

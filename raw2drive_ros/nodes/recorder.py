@@ -1,4 +1,4 @@
-"""Recorder: every topic of the table into MCAP bags, as raw CDR, stamped with the messages' own stamps."""
+"""Recorder: writes every topic of the table into MCAP bags, as raw CDR with the messages' own stamps."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DRAIN_LIMIT_S = 0.8
 
 
 class RecorderNode(Node):
-    """Ctrl-C and SIGTERM close the bag, after what has arrived by then is written. Loss is reported per topic.
+    """Ctrl-C and SIGTERM close the bag after all messages received so far are written. Loss is reported per topic.
 
     With `snapshot_s` the last seconds are kept in memory, and written when ~/save is called or the gate stops the car.
     """
@@ -45,7 +45,7 @@ class RecorderNode(Node):
             {
                 'bag': ('', 'folder of the bag to write; must not exist'),
                 'provenance': ('{}', 'JSON mapping of strings that is kept in the bag'),
-                'flush_s': (0.5, 'hand what has arrived to the operating system so often: all that a kill can lose'),
+                'flush_s': (0.5, 'seconds between flushes to the operating system: the most that a kill can lose'),
                 'split_s': (0.0, 'close a bag and begin the next one after so many seconds; 0: never'),
                 'split_mb': (0.0, 'and after so many megabytes'),
                 'snapshot_s': (0.0, 'keep the last seconds in memory, write them on ~/save or when the gate stops'),
@@ -89,10 +89,10 @@ class RecorderNode(Node):
             if topic == topics.CLOCK:
                 self.clock_ns = stamp_ns
             elif topic == topics.DIAGNOSTICS and self.clock_ns:
-                # Nodes without simulated time stamp theirs by the wall; the bag has one time line.
+                # Nodes without simulated time stamp theirs with the wall clock; a bag has one time base.
                 stamp_ns = self.clock_ns
             if self.ring is not None:
-                # By simulated time where there is one: in lock-step, seconds of the wall say little.
+                # Age in simulated time where there is one: lock-step is faster or slower than the wall clock.
                 self.ring.add(topic, stamp_ns, data, self.clock_ns or time.monotonic_ns())
                 if topic == topics.DIAGNOSTICS:
                     self._watch_gate(data)
@@ -126,7 +126,7 @@ class RecorderNode(Node):
         return WARN if self.losses.total else OK, doing, values
 
     def _watch_gate(self, data: bytes) -> None:
-        """A stop of the safety gate is worth keeping: what led to it is in memory."""
+        """Save a snapshot when the safety gate stops the car: what led to the stop is still in memory."""
         message = deserialize_message(data, message_class('diagnostic_msgs/msg/DiagnosticArray'))
         for name, level, text, values in diagnostics_from_message(message):
             if not name.endswith('safety_gate'):
@@ -161,7 +161,7 @@ class RecorderNode(Node):
         return str(path)
 
     def _next_snapshot(self) -> Path:
-        """A recorder that was started again goes on counting; what a killed one left half written keeps its number."""
+        """The next free number: also after a restart, and past unfinished snapshots of a killed recorder."""
         number = len(self.snapshots)
         while True:
             path = Path(self.p['bag']) / f'snapshot_{number:03d}'
@@ -176,7 +176,7 @@ class RecorderNode(Node):
 
     def run(self, executor: SingleThreadedExecutor) -> None:
         spin(self, executor, until=lambda: self.stop.requested or bool(self.failed))
-        # Messages that are in the queues already belong into the bag: take them until none comes any more.
+        # Messages that are queued already belong in the bag: take them until no more arrive.
         deadline = time.monotonic() + DRAIN_LIMIT_S
         seen = -1
         while seen != (now := self._received()) and time.monotonic() < deadline:
@@ -209,6 +209,7 @@ class RecorderNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the recorder and return the exit code."""
     return run_node(RecorderNode, args)
 
 

@@ -32,7 +32,7 @@ class StopRequest:
 
 
 def steady_clock() -> Clock:
-    """For timers that neither a paused simulation nor a set system clock may silence."""
+    """A clock for timers that must neither stop with a paused simulation nor jump with the system clock."""
     return Clock(clock_type=ClockType.STEADY_TIME)
 
 
@@ -50,8 +50,8 @@ def spin(node: Node, executor: SingleThreadedExecutor, until: Callable[[], bool]
 def run_node(make: Callable[[], Any], args: list[str] | None = None) -> int:
     """Run a node to its end and return the exit code.
 
-    The node may have `run(executor)` and `close()`. One whose class says `drains` gets signals as its
-    attribute `stop`, and ends by itself.
+    The node may have `run(executor)` and `close()`. If its class sets `drains`, SIGINT and SIGTERM only set the
+    attribute `stop` of the node, which ends by itself.
     """
     warn(configure_transport())
     # Shells start background jobs with SIGINT ignored; a recorder that ignores Ctrl-C never closes its bag.
@@ -80,7 +80,7 @@ def run_node(make: Callable[[], Any], args: list[str] | None = None) -> int:
             print(f'error: {error}', file=sys.stderr)
             code = 1
     finally:
-        # A second Ctrl-C may not cut off what puts the world back as it was.
+        # A second Ctrl-C must not interrupt the clean-up.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
         if node is not None:

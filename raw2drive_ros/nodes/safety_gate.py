@@ -1,4 +1,4 @@
-"""Safety gate node: the last one before the vehicle. Own process, no torch; logic in `driving.gate`."""
+"""Safety gate: the last node before the vehicle, in a process of its own without torch; logic in `driving.gate`."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ REMIND_S = 10.0
 
 
 class SafetyGateNode(Node):
-    """`clock: steady` counts silence by the wall (a car); `clock: ros` by /clock (lock-step simulation).
+    """`clock: steady` measures silence on the steady clock (a car), `clock: ros` on /clock (lock-step simulation).
 
-    A gate that is asked to end (Ctrl-C, SIGTERM) while a real car moves stops it first, for STOP_AT_END_S at most.
+    On Ctrl-C or SIGTERM while a real car moves, it first stops the car, for STOP_AT_END_S at most.
     """
 
     drains = True
@@ -103,10 +103,10 @@ class SafetyGateNode(Node):
     def _on_timer(self) -> None:
         now = self._now()
         self._look_around(now)
-        # While driving, proposals themselves set the pace; the timer only looks for silence.
+        # While driving, proposals are answered as they come. The timer checks for silence and, on a car, repeats.
         control = self.gate.tick(now)
         if self.gate.state is GateState.WAITING and not self.steady:
-            # In lock-step the vehicle waits for the answer to its tick; "not yet" must not pass for one.
+            # In lock-step the vehicle waits for the answer to its tick; the brake of WAITING must not pass for one.
             return
         if self.gate.state is not GateState.DRIVING:
             self._publish(Decision(self.get_clock().now().nanoseconds, control))
@@ -133,14 +133,14 @@ class SafetyGateNode(Node):
     def _on_activate(self, request: Any, response: Any) -> Any:
         refusal = self.gate.activate()
         if not refusal:
-            # Said here, for in lock-step a waiting gate publishes nothing; what stops it next is news again.
+            # Logged here: a waiting gate publishes nothing in lock-step. The next stop is logged again.
             self.logged = (self.gate.state, self.gate.reason)
             self.get_logger().info('re-activated')
         response.success, response.message = not refusal, refusal or self.gate.state.value
         return response
 
     def _on_start_over(self, request: Any, response: Any) -> Any:
-        """Another car at another place: no stop of the one before holds it, and no speed of that one matters."""
+        """A new episode, the car is elsewhere: neither the stop nor the speed of the last drive applies any more."""
         if self.gate.state in STOPS:
             self.get_logger().info('started over: the stop of the last drive ends with it')
             self.logged = (None, '')
@@ -168,6 +168,7 @@ class SafetyGateNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the safety gate and return the exit code."""
     return run_node(SafetyGateNode, args)
 
 

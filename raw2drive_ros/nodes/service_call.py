@@ -28,12 +28,12 @@ TYPES = {
 WORDS = {'true': True, 'on': True, 'yes': True, 'false': False, 'off': False, 'no': False}
 TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
 WHOLE, INT64 = re.compile('[-+]?[0-9]{1,19}'), 2**63
-# Discovery takes a fraction of a second as a rule; who missed the first announcements is found three seconds later.
+# Discovery usually takes a fraction of a second; a node whose first announcements are missed is found 3 s later.
 LOOK_S, SETTLE_S, ANSWER_S = 8.0, 4.0, 60.0
 
 
 class ServiceCallNode(Node):
-    """Prints the answer on stdout. Raises NodeError when there is no such service, and when it says no."""
+    """Prints the answer on stdout. Raises NodeError when there is no such service, and when it refuses."""
 
     def __init__(self) -> None:
         super().__init__('service_call')
@@ -68,7 +68,7 @@ class ServiceCallNode(Node):
     def _list(self) -> None:
         found: dict[str, str] = {}
         started = changed = time.monotonic()
-        # Until nothing new comes: nodes are found one after the other.
+        # Until nothing new appears: nodes are discovered one after another.
         while time.monotonic() < (changed + SETTLE_S if found else started + LOOK_S):
             self.executor_.spin_once(timeout_sec=0.1)
             now = self._callable()
@@ -81,7 +81,7 @@ class ServiceCallNode(Node):
 
     def _callable(self) -> dict[str, str]:
         known = self.get_service_names_and_types()
-        # The graph lists what is only asked for, too.
+        # The ROS graph also lists services that have clients only.
         return {name: types[0] for name, types in known if types[0] in TYPES and self.count_services(name)}
 
     def _find(self, service: str) -> str:
@@ -106,20 +106,20 @@ class ServiceCallNode(Node):
         elif type_name.endswith('ChangeState'):
             if argument not in TRANSITIONS:
                 raise NodeError(f'{self.p["service"]} wants a transition: {", ".join(TRANSITIONS)}')
-            # The node looks transitions up by name when the number is that of none.
+            # The node looks a transition up by its label when the id is unknown.
             request.transition.id, request.transition.label = 255, argument
         elif argument:
             raise NodeError(f'{self.p["service"]} takes no argument')
         return request
 
     def _set(self, node_name: str, texts: dict[str, str]) -> None:
-        """All of them or none."""
+        """Set all of the parameters, or none."""
         client = AsyncParameterClient(self, node_name)
         if not client.wait_for_services(LOOK_S):
             raise NodeError(f'{node_name} does not answer')
         parameters = []
         for name, text in texts.items():
-            # One at a time: a node answers nothing at all when one of several names is unknown to it.
+            # One by one: a node returns no types at all when one of several names is unknown to it.
             kinds = self._wait(client.get_parameter_types([name]), node_name).types
             if not kinds or kinds[0] == ParameterType.PARAMETER_NOT_SET:
                 raise NodeError(f'{node_name} has no parameter {name}')
@@ -157,6 +157,7 @@ def _value(text: str, kind: int) -> Any:
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run one service call and return the exit code."""
     return run_node(ServiceCallNode, args)
 
 

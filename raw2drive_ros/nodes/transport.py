@@ -1,4 +1,4 @@
-"""The DDS transport: shipped profile, local discovery, and which of both is really in force.
+"""The DDS transport: the shipped profile, local discovery, and warnings where something else is in force.
 
 Must run before `rclpy.init()`; importing rclpy is harmless, initialising it is not.
 """
@@ -21,6 +21,7 @@ PR_SET_PDEATHSIG = 1
 
 
 def shipped_profile() -> Path:
+    """Path of the Fast DDS profile that comes with the package."""
     return params_folder() / 'fastdds.xml'
 
 
@@ -55,7 +56,7 @@ def child_environment(domain: int, log_folder: Path | None = None) -> dict[str, 
     environment[PARENT_VARIABLE] = str(os.getpid())
     environment['RMW_IMPLEMENTATION'] = 'rmw_fastrtps_cpp'
     environment.setdefault('OMP_NUM_THREADS', '1')
-    # glibc otherwise maps and unmaps every large buffer.
+    # Otherwise glibc maps and unmaps memory for every large buffer.
     environment.setdefault('MALLOC_MMAP_THRESHOLD_', '268435456')
     environment.setdefault('MALLOC_TRIM_THRESHOLD_', '1073741824')
     root = str(Path(__file__).resolve().parents[2])
@@ -67,7 +68,7 @@ def child_environment(domain: int, log_folder: Path | None = None) -> dict[str, 
 
 
 def end_with_parent() -> bool:
-    """Get SIGINT when the process that started the graph ends, even by SIGKILL (Linux); False: it is gone already.
+    """Receive SIGINT when the process that started the graph ends, even by SIGKILL (Linux); False if it has ended.
 
     Nodes that were started otherwise (ros2 run, launch files) are left alone.
     """
@@ -79,5 +80,6 @@ def end_with_parent() -> bool:
 
 
 def warn(messages: list[str]) -> None:
+    """Print each message as a warning on stderr."""
     for message in messages:
         print(f'warning: {message}', file=sys.stderr)

@@ -1,6 +1,6 @@
-"""Probe: listens to a graph that claims to be a vehicle, and, when it may, asks it to move; `conformance` judges.
+"""Probe: observes a graph that claims to be a vehicle and, if allowed, moves it; `conformance` evaluates the result.
 
-Writes everything as JSON; `raw2drive check-vehicle` prints it.
+Writes the verdicts as JSON; `raw2drive check-vehicle` prints them.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from raw2drive_ros.nodes.runtime import StopRequest, run_node
 from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
 
-# Discovery takes a fraction of a second as a rule; on a busy machine it has taken more than the first of these.
+# Discovery usually takes a fraction of a second; on a busy machine it has taken more than the first of these.
 LOOK_S, LOOK_LONGER_S = 2.0, 6.0
 BRAKE_AT_END_S = 5.0
 
@@ -48,7 +48,7 @@ BRAKE_AT_END_S = 5.0
 class VehicleProbeNode(Node):
     """Never publishes a command unless `allow_motion` is set. However it ends, it brakes until the car stands."""
 
-    # Ctrl-C may not close the context before the brake is on.
+    # Ctrl-C must not close the context before the brake is on.
     drains = True
     stop: StopRequest
 
@@ -81,10 +81,10 @@ class VehicleProbeNode(Node):
     def run(self, executor: SingleThreadedExecutor) -> None:
         cameras = tuple(camera.name for camera in self.rig)
         self.names = expected(cameras, compressed=self.compressed)
-        # Others have to be found before it can be said that they are not there.
+        # Discovery needs time: only then can a publisher be reported as missing.
         self._spin(executor, LOOK_S)
         deadline = time.monotonic() + LOOK_LONGER_S
-        while time.monotonic() < deadline and not all(map(self.count_publishers, self.names)) and self._goes_on:
+        while time.monotonic() < deadline and not all(map(self.count_publishers, self.names)) and self._running:
             self._spin(executor, 0.2)
         self._look_at_graph()
         for name in self.names:
@@ -113,7 +113,7 @@ class VehicleProbeNode(Node):
         spec, topic = topics.BY_NAME[name], self.seen.topics[name]
         if topic.msgtypes != (spec.msgtype,):
             return
-        # The weakest wishes match every publisher; what it offers was looked at before.
+        # Request what the publishers offer, so that they match; `_look_at_graph` has noted the offer.
         profile = QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
             depth=50,
@@ -193,7 +193,7 @@ class VehicleProbeNode(Node):
         return judge_trials(trials) + unsafe
 
     def _try(self, executor: SingleThreadedExecutor, output: Any, step: Step) -> Trial:
-        """Raises UnsafeError when the car must not be moved on."""
+        """Drive one step of the programme. Raises UnsafeError when the car must not be moved any further."""
         self.trial, self.trial_started = Trial(step.name, step.control), time.monotonic()
         period_s = 1.0 / DECISION_HZ
         due = self.trial_started
@@ -209,7 +209,7 @@ class VehicleProbeNode(Node):
         return trial
 
     def _require_safe(self) -> None:
-        if not self._goes_on:
+        if not self._running:
             raise UnsafeError('interrupted')
         blind_s = time.monotonic() - self.odometry_at_s
         if blind_s > self.odometry_good_s:
@@ -218,7 +218,7 @@ class VehicleProbeNode(Node):
             raise UnsafeError(f'somebody else publishes {topics.COMMAND}')
 
     def _brake(self, executor: SingleThreadedExecutor, output: Any) -> None:
-        """Until the car stands, or for BRAKE_AT_END_S: a second signal does not shorten this."""
+        """Brake until the car stands, for BRAKE_AT_END_S at most; a second signal does not shorten this."""
         self.trial, self.trial_started = Trial('', BRAKE), time.monotonic()
         while time.monotonic() < self.trial_started + BRAKE_AT_END_S and rclpy.ok():
             self._ask(output, BRAKE)
@@ -228,12 +228,12 @@ class VehicleProbeNode(Node):
         self.trial = None
 
     @property
-    def _goes_on(self) -> bool:
+    def _running(self) -> bool:
         return rclpy.ok() and not self.stop.requested
 
     def _spin(self, executor: SingleThreadedExecutor, seconds: float) -> None:
         deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0 and self._goes_on:
+        while (left := deadline - time.monotonic()) > 0 and self._running:
             executor.spin_once(timeout_sec=min(left, 0.2))
 
     def _ask(self, output: Any, control: Control) -> None:
@@ -241,6 +241,7 @@ class VehicleProbeNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the vehicle probe and return the exit code."""
     return run_node(VehicleProbeNode, args)
 
 

@@ -1,1 +1,1 @@
-"""Bags: writing, reading, and turning them into training episodes. Works without ROS."""
+"""Bags: writing, reading, checking, editing and recovering them. Works without ROS."""

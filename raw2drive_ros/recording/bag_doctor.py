@@ -1,4 +1,4 @@
-"""Is a bag fit for training and replay? What is missing, lost, late or out of order, worst first."""
+"""Checks whether a bag is fit for training and replay: what is missing, lost, late or out of order, worst first."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag, r
 
 Severity = Literal['error', 'warning', 'note']
 ORDER = ('error', 'warning', 'note')
-# A gap of so many periods is worth a word.
+# Gaps of more periods than this are reported.
 GAP_PERIODS = 3.5
 
 
 @dataclass(frozen=True, slots=True)
 class Complaint:
-    """One thing about a bag, and what to do."""
+    """One problem of a bag, and its remedy."""
 
     severity: Severity
     text: str
@@ -29,7 +29,7 @@ class Complaint:
 
 
 def examine(path: Path) -> list[Complaint]:
-    """Reads the whole bag, decodes everything that the readers of this package use. A bag that does not open is a
+    """Read the whole bag and decode everything that the readers of this package use. A bag that cannot be opened is a
     complaint too, not an exception."""
     try:
         info = bag_info(path)
@@ -75,7 +75,7 @@ def _rates(rows: dict[str, dict]) -> list[Complaint]:
 
 
 def _ticks(path: Path, rows: dict[str, dict]) -> list[Complaint]:
-    """What the readers say that training and replay use."""
+    """Problems that the readers of training and replay find."""
     found = []
     cameras = [name for name in rows if name.startswith('/sensing/camera/') and '/image_raw' in name]
     privileged = {topics.BEV, topics.EGO, topics.TRANSITION} <= set(rows)

@@ -1,4 +1,4 @@
-"""New bags out of old ones: a stretch of time, some topics, or several bags as one."""
+"""Makes new bags from existing ones: a time range, some topics, or several bags merged into one."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from rosbags.rosbag2 import Reader
 from raw2drive_ros import topics
 from raw2drive_ros.errors import BagError
 from raw2drive_ros.recording.bag_info import provenance_of
-from raw2drive_ros.recording.bag_reader import begin_ns, messages_in, open_bag, said_once
+from raw2drive_ros.recording.bag_reader import begin_ns, is_latched, messages_in, open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter
 
-# No wall clock shows a time so near 1970, ten years, and no simulation runs so long.
+# Ten years: no wall clock shows a time so close to 1970, and no simulation runs for so long.
 SIMULATED_BELOW_NS = 10 * 365 * 86_400 * 10**9
-# Topics with one message for each stamp. A gate says the same command again, under its stamp but as its own.
-ONE_A_STAMP = frozenset(
+# Topics with one message per stamp. Not so commands: a gate repeats one under its stamp, but without its action.
+ONE_PER_STAMP = frozenset(
     spec.name
     for spec in topics.TOPICS
     if not spec.qos.latched and spec.name not in (topics.CLOCK, topics.DIAGNOSTICS, topics.PROPOSED, topics.COMMAND)
@@ -33,7 +33,7 @@ ONE_A_STAMP = frozenset(
 
 @contextmanager
 def whole_bag(out: Path, metadata: dict[str, str]) -> Iterator[BagWriter]:
-    """A writer whose bag appears when the block is left without an error, and of which nothing stays otherwise."""
+    """A writer whose bag appears if the block ends without an error; otherwise nothing of it stays."""
     writer = BagWriter(out, metadata)
     try:
         yield writer
@@ -47,9 +47,10 @@ def whole_bag(out: Path, metadata: dict[str, str]) -> Iterator[BagWriter]:
 def cut(
     bag: Path, out: Path, start_s: float = 0.0, end_s: float = float('inf'), patterns: tuple[str, ...] = ('*',)
 ) -> dict[str, int]:
-    """Messages of the topics that match, from `start_s` to before `end_s` after the bag's beginning, into a new bag.
+    """Copy messages of the matching topics, from `start_s` to before `end_s` after the bag's beginning, to a new bag.
 
-    What is said once (routes, mounting poses) comes along from before. Returns messages per topic. Raises BagError.
+    The last latched messages (routes, mounting poses) from before `start_s` are included. Returns messages per topic.
+    Raises BagError.
     """
     if not 0.0 <= start_s < end_s:
         raise BagError(f'nothing lies between {start_s:g} s and {end_s:g} s: give 0 <= --start < --end')
@@ -60,7 +61,7 @@ def cut(
             raise BagError(f'{bag}: no topic matches {", ".join(idle)}; `raw2drive bag info` lists them')
         matching = [c for c in reader.connections if any(fnmatchcase(c.topic, pattern) for pattern in patterns)]
         begins_ns = begin_ns(reader)
-        # In whole nanoseconds: a float that counts from 1970 is off by up to 128 of them.
+        # In integer nanoseconds: a float64 of nanoseconds since 1970 is off by up to 128.
         lasts_s = (reader.end_time - begins_ns) * 1e-9
         start_ns = begins_ns + round(min(start_s, lasts_s + 1.0) * 1e9)
         end_ns = reader.end_time + 1 if end_s > lasts_s else begins_ns + round(end_s * 1e9)
@@ -71,7 +72,7 @@ def cut(
                 if stamp_ns >= end_ns:
                     continue
                 if stamp_ns < start_ns:
-                    if said_once(connection):
+                    if is_latched(connection):
                         latched[connection.topic] = connection, bytes(data)
                     continue
                 for topic, (source, old) in latched.items():
@@ -87,17 +88,17 @@ def cut(
 
 @dataclass(frozen=True, slots=True)
 class Merged:
-    """counts: messages per topic in the new bag. doubled: messages that several bags had, of which one was kept."""
+    """counts: messages per topic in the new bag. doubled: messages dropped because another bag held a copy."""
 
     counts: dict[str, int]
     doubled: int
 
 
 def merge(bags: list[Path], out: Path) -> Merged:
-    """All messages of all bags in order of time, those that several bags have only once.
+    """Merge all messages in order of time, keeping one copy of those that several bags hold.
 
-    Raises BagError, also when the bags do not tell of one drive: different clocks, or different sensor messages at one
-    time.
+    Raises BagError, also when the bags are not of one drive: different clocks, or different sensor messages with one
+    stamp.
     """
     with ExitStack() as stack:
         readers = [stack.enter_context(open_bag(bag)) for bag in bags]
@@ -125,11 +126,11 @@ def merge(bags: list[Path], out: Path) -> Merged:
                     topic = connection.topic
                     copies = seen.setdefault((topic, data), Counter())
                     copies[number] += 1
-                    # As often as the bag that has it most often; bags come one after the other.
+                    # Keep as many copies as the bag with most of them has; within a stamp, bags follow one another.
                     if copies[number] <= max((n for bag, n in copies.items() if bag != number), default=0):
                         doubled += 1
                         continue
-                    if topic in ONE_A_STAMP and says.setdefault(topic, number) != number:
+                    if topic in ONE_PER_STAMP and says.setdefault(topic, number) != number:
                         raise BagError(
                             f'{bags[number]} and {bags[says[topic]]}: different {topic} at {stamp_ns} ns: '
                             'these are different drives, which cannot be one bag'

@@ -30,7 +30,7 @@ def bag_info(path: Path) -> dict[str, Any]:
                     step, episode = transition_from_message(decoded(factory, reader, connection, data))
                 except ContractError as error:
                     raise BagError(f'{path}: {topics.TRANSITION}: {error}') from error
-                # A first tick that the bridge had to send again is no second beginning.
+                # A first tick that the bridge resent is not a second beginning.
                 if step.is_first and stamp != begun:
                     begun = stamp
                     episodes.append(episode)
@@ -49,7 +49,7 @@ def bag_info(path: Path) -> dict[str, Any]:
                 }
             )
         everything = [t for times in stamps.values() for t in times]
-        # As `bag cut` and `replay` count: from the first message that is not merely kept for who comes later.
+        # As in `bag cut` and `replay`: from the first message that is not latched.
         duration = (max(everything) - begin_ns(reader)) * 1e-9 if everything else 0.0
         custom = provenance_of(path)
     return {
@@ -70,6 +70,6 @@ def provenance_of(path: Path) -> dict[str, str]:
         loaded = yaml.safe_load(file.read_text())
         found = dict(loaded['rosbag2_bagfile_information'].get('custom_data') or {})
     except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError) as error:
-        # The bag library's own reader of YAML takes what this one refuses.
+        # The bag library's own YAML reader accepts what this one rejects.
         raise BagError(f'{file}: damaged: {error}') from error
     return {str(key): str(value) for key, value in found.items()}

@@ -26,18 +26,18 @@ from raw2drive_ros.contract import CameraCalibration, Image8, ImuSample, Odometr
 from raw2drive_ros.errors import BagError
 from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
 
-# Of a bag, and what may be given in its folder's place.
+# Files of a bag, each of which may be given in place of its folder.
 BAG_FILES = ('.mcap', '.db3', '.yaml')
 UNFINISHED = ': its recorder was killed or still writes; once it has ended, `raw2drive bag recover` saves what is there'
 
 
 def partial_folder(path: Path) -> Path:
-    """Where the bag `path` is written until it is whole."""
+    """Where the bag `path` is written until it is complete."""
     return path.with_name(f'.{path.name}.partial')
 
 
 def _whose(folder: Path) -> str:
-    """What a folder without metadata.yaml probably is."""
+    """What a folder without metadata.yaml probably is, as the end of an error message."""
     below = sorted(file.parent.name for file in folder.glob('*/metadata.yaml'))
     if below:
         return f'; below it there are bags: {", ".join(below[:4])}{" ..." if len(below) > 4 else ""}'
@@ -47,7 +47,7 @@ def _whose(folder: Path) -> str:
 
 
 def bag_folder(path: Path) -> Path:
-    """Of a bag, or of a file in it, which may be given in its place."""
+    """The folder of a bag; a file in it may be given in its place."""
     return path.parent if path.is_file() else path
 
 
@@ -67,7 +67,7 @@ def open_bag(path: Path) -> Iterator[Reader]:
         reader = Reader(folder)
         reader.open()
     except Exception as error:
-        # Whatever the library makes of damage, absurd lengths among it (MemoryError).
+        # Damaged files raise all kinds of errors in the library, MemoryError for absurd lengths among them.
         raise BagError(f'{path}: cannot be opened: {str(error) or type(error).__name__}') from error
     try:
         yield reader
@@ -76,7 +76,7 @@ def open_bag(path: Path) -> Iterator[Reader]:
 
 
 def messages_in(reader: Reader, **selection: Any) -> Iterator[tuple[Any, int, bytes]]:
-    """`Reader.messages`, with a BagError for whatever the library makes of damage."""
+    """`Reader.messages`, with a BagError for whatever the library raises at damaged data."""
     found = reader.messages(**selection)
     while True:
         try:
@@ -88,21 +88,21 @@ def messages_in(reader: Reader, **selection: Any) -> Iterator[tuple[Any, int, by
         yield item
 
 
-def said_once(connection: Any) -> bool:
-    """Is it a topic whose messages are sent once and kept for who comes later?"""
+def is_latched(connection: Any) -> bool:
+    """Whether the topic is latched (TRANSIENT_LOCAL): sent once and kept for late subscribers."""
     return any(qos.durability.name == 'TRANSIENT_LOCAL' for qos in connection.ext.offered_qos_profiles)
 
 
 def begin_ns(reader: Reader) -> int:
-    """Where the bag begins: what is said once may have been stamped hours before."""
-    flowing = [connection for connection in reader.connections if not said_once(connection)]
+    """Stamp of the first message that is not latched: latched ones may have been stamped hours before."""
+    flowing = [connection for connection in reader.connections if not is_latched(connection)]
     for _, stamp, _ in messages_in(reader, connections=flowing) if flowing else ():
         return int(stamp)
     return int(reader.start_time)
 
 
 def decoded(factory: RosbagsFactory, reader: Reader, connection: Any, data: bytes) -> Any:
-    """A message. Raises BagError for bytes that are none of its type."""
+    """The deserialised message. Raises BagError for bytes that are not of its type."""
     try:
         return factory.deserialize(data, connection.msgtype)
     except Exception as error:
@@ -217,7 +217,7 @@ def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = 
                 continue
             stamp = stamp_ns(message.header.stamp)
             if stamp <= last_ns:
-                # A tick that the bridge had to send again.
+                # A tick that the bridge resent.
                 continue
             if topic == topics.IMU:
                 imus[stamp] = imu_from_message(message)

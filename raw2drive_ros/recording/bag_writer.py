@@ -34,14 +34,14 @@ PROVENANCE = 'provenance.json'
 
 
 def _holds_messages(file: Path) -> bool:
-    """Is there more in it than the header? What cannot be read counts as more."""
+    """Whether the file holds more than its header; what cannot be read counts as more."""
     try:
         with file.open('rb') as stream:
             return any(isinstance(r, Chunk | Message) for r in StreamReader(stream, emit_chunks=True).records)
     except EndOfFile:
         return False
     except Exception:
-        # Every kind of damage has an error of its own.
+        # Every kind of damage raises another error.
         return file.stat().st_size > 0
 
 
@@ -58,7 +58,7 @@ def require_new(path: Path) -> None:
 
 
 def require_space(folder: Path, needed: int = MIN_FREE_BYTES) -> None:
-    """Raises DiskFullError with what is left and what to do."""
+    """Raises DiskFullError, which says how much is left and what to do."""
     existing = folder
     while not existing.exists():
         existing = existing.parent
@@ -103,7 +103,7 @@ def _qos(profile: topics.QosProfile) -> Qos:
         QosTime(0, 0),
         QosLiveliness.AUTOMATIC,
         QosTime(0, 0),
-        False,
+        avoid_ros_namespace_conventions=False,
     )
 
 
@@ -113,7 +113,7 @@ class BagWriter:
     def __init__(self, path: Path, provenance: dict[str, str] | None = None, *, compress: bool = True) -> None:
         self.path = path
         self.root = partial_folder(path)
-        # The same last name: rosbag2 names the file inside after its folder.
+        # The final name: rosbag2 names the file inside after its folder.
         self.partial = self.root / path.name
         require_new(path)
         require_space(path.parent)
@@ -134,7 +134,7 @@ class BagWriter:
         for key, value in metadata.items():
             self.writer.set_custom_data(key, value)
         self.writer.open()
-        # metadata.yaml comes when the bag is closed; who is killed before that leaves this.
+        # metadata.yaml is written when the bag is closed; for a writer that is killed before, this file keeps it.
         (self.root / PROVENANCE).write_text(json.dumps(metadata))
         self.connections: dict[str, Connection] = {}
         self.counts: dict[str, int] = {}
@@ -185,7 +185,7 @@ class BagWriter:
         return self.writer.add_connection(topic, msgtype, typestore=typestore, offered_qos_profiles=qos)
 
     def flush(self) -> None:
-        """Hand everything so far to the operating system: who is killed from here on does not lose it."""
+        """Hand everything so far to the operating system: a kill from here on does not lose it."""
         storage = self.writer.storage
         # rosbags closes a chunk when it holds a megabyte, which may take any time.
         if isinstance(storage, McapWriter):

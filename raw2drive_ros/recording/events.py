@@ -1,4 +1,4 @@
-"""What happened in a bag: each change of what the nodes said of themselves, and each beginning of an episode."""
+"""What happened in a bag: each change in the diagnostics of the nodes, and each beginning of an episode."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Event:
 
 
 def events_of(path: Path) -> list[Event]:
-    """In order of time. A message of which only the figures differ from the one before is no event. Raises BagError."""
+    """In order of time. A status that differs from the one before in its figures only is no event. Raises BagError."""
     factory = RosbagsFactory()
     found: list[Event] = []
     last: dict[str, tuple[int, str]] = {}
@@ -41,7 +41,7 @@ def events_of(path: Path) -> list[Event]:
             try:
                 if connection.topic == topics.TRANSITION:
                     step, episode = transition_from_message(message)
-                    # A first tick that the bridge had to send again is no second beginning.
+                    # A first tick that the bridge resent is not a second beginning.
                     if step.is_first and stamp_ns != begun_ns:
                         begun_ns = stamp_ns
                         found.append(Event(time_s, 'bridge', 'ok', f'{episode} begins'))

@@ -1,4 +1,4 @@
-"""A recording that may be killed, that splits, and the ring buffer of a snapshot; no ROS in here."""
+"""A recording that survives a kill and can be split, and the ring buffer of snapshots; no ROS here."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from typing import NamedTuple
 from raw2drive_ros import topics
 from raw2drive_ros.recording.bag_writer import BagWriter, require_new
 
-# What is said once may have any stamp (of the boot, of a map file), and nodes without simulated time report by the
-# wall. Farther from the other topics than this, they get the others' time: a bag has one time line.
+# Latched messages may have any stamp (of the boot, of a map file), and nodes without simulated time stamp diagnostics
+# with the wall clock. Farther than this from the newest of the other messages, they get its stamp: a bag has one time
+# base.
 NEAR_NS = 5_000_000_000
 MAX_WAITING = 1000
 
 
 @dataclass(slots=True)
 class Recording:
-    """Bytes into `path`, or, when it is split, into whole bags `path/NAME_000`, `path/NAME_001` and so on.
+    """Writes to the bag `path` or, if split, to complete bags `path/NAME_000`, `path/NAME_001` and so on.
 
-    split_s, split_bytes: a bag is closed after so much; 0: never. What is said once is said again at each beginning.
-    That, diagnostics, and what has no time yet (stamp 0) wait for the first other message, whose time the bag has; a
-    kill before that loses them.
+    split_s, split_bytes: close a bag after this much; 0: never. Each bag begins with the latched messages. Latched
+    messages, diagnostics and messages without a time (stamp 0) are held until the first other message sets the time
+    base; a kill before that loses them.
     """
 
     path: Path
@@ -67,7 +68,7 @@ class Recording:
         self._writer.write_raw(topic, stamp_ns, data)
 
     def _wait(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        """Hours may pass before a vehicle comes; what is said once must not be forgotten meanwhile."""
+        """Hold a message. A vehicle may appear hours later: latched ones are kept, others up to MAX_WAITING."""
         if topics.BY_NAME[topic].qos.latched:
             self._latched[topic] = data
             self._waiting = [held for held in self._waiting if held[0] != topic]
@@ -88,12 +89,12 @@ class Recording:
         self._waiting.clear()
 
     def flush(self) -> None:
-        """Nothing from before this is lost when the process is killed."""
+        """A kill of the process from here on loses nothing from before."""
         if self._writer is not None:
             self._writer.flush()
 
     def close(self) -> list[Path]:
-        """Finish the last bag; every bag that was made."""
+        """Finish the last bag; returns every bag that was made."""
         if self._writer is not None:
             self._write_waiting()
             self._finish()
@@ -129,7 +130,7 @@ class Recording:
 
 
 class Held(NamedTuple):
-    """A message in the ring: when it arrived, and when it says it is from."""
+    """A message in the ring. now_ns: when it arrived. stamp_ns: its own stamp."""
 
     now_ns: int
     stamp_ns: int
@@ -139,9 +140,9 @@ class Held(NamedTuple):
 
 @dataclass(slots=True)
 class RingBuffer:
-    """The last `seconds` of everything, at most `limit_bytes`; what is said once is kept however old it is.
+    """The last `seconds` of everything, at most `limit_bytes`; latched messages are kept however old they are.
 
-    Age is measured by the time of arrival: a wrong stamp may neither keep what is old nor drop the rest.
+    Age is measured from arrival: a wrong stamp must neither keep old messages nor drop the others.
     """
 
     seconds: float
@@ -152,7 +153,7 @@ class RingBuffer:
     _latched: dict[str, bytes] = field(default_factory=dict)
 
     def add(self, topic: str, stamp_ns: int, data: bytes, now_ns: int) -> None:
-        """now_ns: when it arrived; a clock that jumps by more than `seconds`, either way, leaves what was before."""
+        """now_ns: when it arrived; a jump of that clock by more than `seconds`, either way, drops what came before."""
         if topics.BY_NAME[topic].qos.latched:
             self._latched[topic] = data
             return
@@ -165,8 +166,8 @@ class RingBuffer:
             self.dropped += 1
 
     def save(self, path: Path, provenance: dict[str, str]) -> int:
-        """Write what is held into a new bag; the number of messages, 0 when there is nothing and no bag was made."""
-        # A recorder alone hears its own diagnostics.
+        """Write what is held to a new bag; returns the number of messages, 0 when there is nothing, and no bag."""
+        # A recorder without other nodes still receives its own diagnostics.
         if all(held.topic == topics.DIAGNOSTICS for held in self.held):
             return 0
         with BagWriter(path, provenance) as bag:

@@ -1,4 +1,4 @@
-"""A bag out of what a killed recorder left, and out of a damaged file: everything that can still be read."""
+"""Makes a bag from what a killed recorder left, or from a damaged file: everything that can still be read."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Recovery:
 
 
 def find_mcap(path: Path) -> list[Path]:
-    """The MCAP files of a bag, of a `.NAME.partial` folder, or beside NAME that was never finished."""
+    """The MCAP files of a bag, of a `.NAME.partial` folder, or of that folder of a bag NAME that was never finished."""
     if path.is_file():
         return [path]
     folder = path if path.is_dir() else partial_folder(path)
@@ -46,7 +46,7 @@ def find_mcap(path: Path) -> list[Path]:
 
 
 def recover(path: Path, out: Path) -> Recovery:
-    """Write a new, whole bag from a killed or damaged one; opens it again and counts before it says so.
+    """Write a new, complete bag from an unfinished or damaged one, and verify it by reading it again.
 
     Raises BagError when nothing can be read, BagExistsError or DiskFullError.
     """
@@ -121,11 +121,11 @@ def _records(file: Path, found: Recovery) -> Iterator[Any]:
                 try:
                     inner = breakup_chunk(record, validate_crc=True)
                 except Exception:
-                    # Every decompressor has errors of its own; none of them may end the rescue of the other chunks.
+                    # Every decompressor raises other errors; none of them may stop the recovery of the other chunks.
                     found.damaged += 1
                     continue
                 yield from inner
         except Exception:
-            # A killed writer leaves half a record at the end, and damage any length (MemoryError); nothing whole can be
-            # found behind it.
+            # A killed writer leaves half a record at the end, and damage may give any length (MemoryError); nothing
+            # can be parsed after it.
             found.truncated = True

@@ -1,6 +1,6 @@
-"""A server that is none: the calls that our client makes, answered with CARLA's own types where those can be made.
+"""A stand-in for a CARLA server: answers the calls of our client, with CARLA's own types where they can be made.
 
-It drives straight on, and reports pictures in a thread as a server does. What a real server measures, it cannot show.
+Its car drives straight on, and it delivers images in a thread as a server does. Its measurements are not realistic.
 """
 
 import threading
@@ -41,7 +41,7 @@ class Actor:
         return carla.Vector3D(0.0, 0.0, 0.0)
 
 
-class Plan:
+class Blueprint:
     def __init__(self, name) -> None:
         self.name, self.attributes = name, {}
 
@@ -51,10 +51,10 @@ class Plan:
 
 
 class World:
-    """silent: a sensor that stops to report. sticky: an actor that cannot be destroyed."""
+    """silent: a sensor that delivers nothing. sticky: an actor that cannot be destroyed."""
 
     def __init__(self) -> None:
-        self.settings, self.actors, self.plans = carla.WorldSettings(), [], []
+        self.settings, self.actors = carla.WorldSettings(), []
         self.frame, self.speed, self.silent, self.sticky = 100, 5.0, '', ''
 
     def get_settings(self):
@@ -68,7 +68,7 @@ class World:
         def find(name):
             if name == 'vehicle.none':
                 raise IndexError(name)
-            return Plan(name)
+            return Blueprint(name)
 
         return SimpleNamespace(find=find)
 
@@ -76,12 +76,12 @@ class World:
         place = carla.Transform(carla.Location(10.0, 20.0, 0.0), carla.Rotation(0.0, 0.0, 0.0))
         return SimpleNamespace(get_spawn_points=lambda: [place], get_waypoint=lambda at: Waypoint(at.x, at.y))
 
-    def try_spawn_actor(self, plan, transform):
-        return self.spawn_actor(plan, transform)
+    def try_spawn_actor(self, blueprint, transform):
+        return self.spawn_actor(blueprint, transform)
 
-    def spawn_actor(self, plan, transform, attach_to=None):
-        actor = Actor(self, plan.name, transform)
-        actor.plan = plan
+    def spawn_actor(self, blueprint, transform, attach_to=None):
+        actor = Actor(self, blueprint.name, transform)
+        actor.blueprint = blueprint
         self.actors.append(actor)
         return actor
 
@@ -103,7 +103,7 @@ class World:
             if actor.name == 'sensor.other.imu':
                 data = {'accelerometer': carla.Vector3D(0.0, 0.0, 9.81), 'gyroscope': carla.Vector3D(0.0, 0.0, 0.0)}
             else:
-                width, height = (int(actor.plan.attributes[f'image_size_{axis}']) for axis in 'xy')
+                width, height = (int(actor.blueprint.attributes[f'image_size_{axis}']) for axis in 'xy')
                 pixels = np.random.default_rng(frame).integers(0, 255, (height, width, 4), np.uint8)
                 data = {'raw_data': pixels.tobytes()}
             if actor.callback is not None:

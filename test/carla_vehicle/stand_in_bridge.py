@@ -1,4 +1,4 @@
-"""The CARLA bridge node with the stand-in for the server; prints the controls that the car got as JSON."""
+"""The CARLA bridge node with the stand-in for the server; prints the controls that the car received as JSON."""
 
 import json
 import sys

@@ -30,7 +30,7 @@ def test_planner_and_gate_drive_it_in_lock_step(tmp_path) -> None:
     first, *driven = json.loads(bridge.stdout.splitlines()[-1])
     assert first == [0.0, 1.0, 0.0]
     assert len(driven) == 20
-    # It does not know that the pictures are noise, and accelerates.
+    # The policy cannot tell that the images are noise, and accelerates.
     assert max(throttle for throttle, _, _ in driven) > 0.2
 
 

@@ -1,4 +1,4 @@
-"""Our client: real errors of CARLA's client without a server, and its calls against a stand-in with one."""
+"""Our client: real errors of CARLA's client without a server, and its calls against a stand-in for a server."""
 
 import subprocess
 import sys
@@ -66,7 +66,7 @@ def test_two_ticks_a_step_frames_stamps_and_route(world) -> None:
         car = world.actors[0]
         assert car.controls[0].steer == -0.25
         assert car.controls[1].brake == 1.0
-        assert float(world.actors[4].plan.attributes['fov']) == pytest.approx(110.0)
+        assert float(world.actors[4].blueprint.attributes['fov']) == pytest.approx(110.0)
     assert not any(actor.alive for actor in world.actors)
     assert world.settings.synchronous_mode is False
 
@@ -78,7 +78,7 @@ def test_two_ticks_a_step_frames_stamps_and_route(world) -> None:
         ({'vehicle': 'vehicle.none'}, "this server has no vehicle 'vehicle.none'"),
     ],
 )
-def test_what_cannot_be_leaves_the_server_as_it_was(world, settings, words) -> None:
+def test_impossible_settings_leave_the_server_as_it_was(world, settings, words) -> None:
     with pytest.raises(client.CarlaError, match=words):
         client.CarlaVehicle(client.CarlaSettings(**settings), camera_rig(48, 80))
     assert world.settings.synchronous_mode is False
@@ -88,10 +88,10 @@ def test_what_cannot_be_leaves_the_server_as_it_was(world, settings, words) -> N
 def test_ctrl_c_while_it_spawns_leaves_the_server_as_it_was(world, monkeypatch) -> None:
     spawn = world.spawn_actor
 
-    def interrupted(plan, transform, attach_to=None):
+    def interrupted(blueprint, transform, attach_to=None):
         if len(world.actors) == 3:
             raise KeyboardInterrupt
-        return spawn(plan, transform, attach_to)
+        return spawn(blueprint, transform, attach_to)
 
     monkeypatch.setattr(world, 'spawn_actor', interrupted)
     with pytest.raises(KeyboardInterrupt):
@@ -100,14 +100,14 @@ def test_ctrl_c_while_it_spawns_leaves_the_server_as_it_was(world, monkeypatch) 
     assert [actor.alive for actor in world.actors] == [False] * 3
 
 
-def test_an_actor_that_stays_keeps_neither_the_others_nor_the_clock(world) -> None:
+def test_an_actor_that_cannot_be_destroyed_does_not_keep_the_others_or_synchronous_mode(world) -> None:
     with client.CarlaVehicle(client.CarlaSettings(), camera_rig(48, 80)):
         world.sticky = 'sensor.other.imu'
     assert [actor.name for actor in world.actors if actor.alive] == ['sensor.other.imu']
     assert world.settings.synchronous_mode is False
 
 
-def test_a_camera_that_falls_silent_ends_the_drive_by_name(world) -> None:
+def test_a_sensor_that_falls_silent_ends_the_drive_and_is_named(world) -> None:
     with client.CarlaVehicle(client.CarlaSettings(timeout_s=0.2), camera_rig(48, 80)) as vehicle:
         world.silent = 'sensor.other.imu'
         with pytest.raises(SensorTimeoutError, match='from: imu'):

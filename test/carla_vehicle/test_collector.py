@@ -1,4 +1,4 @@
-"""Measurements of one frame, from threads in any order."""
+"""Measurements of one frame, which arrive from threads in any order."""
 
 import random
 import threading
@@ -29,7 +29,7 @@ def test_every_frame_is_complete_whatever_the_order() -> None:
         thread.join()
 
 
-def test_who_is_missing_is_named_and_what_comes_too_late_is_dropped() -> None:
+def test_missing_sensors_are_named_and_late_measurements_are_dropped() -> None:
     collector = FrameCollector(NAMES, 0.05)
     collector.put('front', 4, 'picture')
     with pytest.raises(SensorTimeoutError, match=r'no measurement of frame 4 within 0.05 s from: imu, back'):

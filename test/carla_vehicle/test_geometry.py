@@ -1,4 +1,4 @@
-"""CARLA's axes against ours, checked with the types of CARLA's own client."""
+"""Conversion between CARLA's axes and ours, checked with the types of CARLA's own client."""
 
 import math
 
@@ -18,7 +18,7 @@ metres = st.floats(-100.0, 100.0)
 
 
 def matrix_of(place, turn) -> np.ndarray:
-    """By the client itself."""
+    """(4, 4) pose as CARLA's client computes it."""
     return np.array(carla.Transform(carla.Location(*place), carla.Rotation(*turn)).get_matrix())
 
 
@@ -51,7 +51,7 @@ def test_cameras_stand_where_the_rig_says() -> None:
 
 
 @pytest.mark.parametrize('change', [(0, 2, 20.0), (1, 1, 5.0)])
-def test_cameras_that_carla_has_not_are_refused(change) -> None:
+def test_cameras_that_carla_cannot_model_are_refused(change) -> None:
     row, column, by = change
     intrinsics = camera_rig(96, 160)[0].intrinsics.copy()
     intrinsics[row, column] += by

@@ -1,4 +1,4 @@
-"""Each way to break the vehicle's contract gets its verdict, with a remedy."""
+"""Each way to violate the vehicle's contract gets a verdict with a remedy."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,14 @@ def good() -> Observation:
         period = round(1e9 / spec.rate_hz) if spec.rate_hz else 0
         stamps = [i * period for i in range(20)] if period and not spec.qos.latched else [0]
         frame = FRAMES.get(name) or (BASE_FRAME if 'extrinsics' in name else optical_frame(name.split('/')[3]))
-        seen.topics[name] = TopicSeen((spec.msgtype,), 1, True, spec.qos.latched, stamps, [0.02] * len(stamps), {frame})
+        seen.topics[name] = TopicSeen(
+            (spec.msgtype,),
+            1,
+            transient_local=spec.qos.latched,
+            stamps_ns=stamps,
+            ages_s=[0.02] * len(stamps),
+            frames={frame},
+        )
     rng = np.random.default_rng(0)
     for camera in RIG:
         seen.calibrations[camera.name] = camera
@@ -112,7 +119,7 @@ def test_what_breaks_the_contract_is_named(change, check, text) -> None:
     assert text in found[check]
 
 
-def test_nothing_seen_is_a_list_of_errors_not_a_crash() -> None:
+def test_an_empty_observation_gives_errors_and_no_crash() -> None:
     assert len(wrong(Observation(2.0))) > 8
 
 

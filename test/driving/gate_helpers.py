@@ -1,4 +1,4 @@
-"""What the tests of the gate share: both clocks, proposals, a gate that drives."""
+"""Shared by the tests of the gate: both clocks, proposals, a gate that drives."""
 
 from raw2drive_ros.contract import Control, Decision
 from raw2drive_ros.driving.gate import Gate, GateState, Moment
@@ -9,7 +9,7 @@ PERIOD_S = 0.1
 
 
 def at(seconds: float) -> Moment:
-    """Both clocks run alike; the steady one has its own zero."""
+    """Both clocks advance together; the steady one has another origin."""
     return Moment(seconds + 1000.0, seconds)
 
 

@@ -15,13 +15,13 @@ def test_counts_of_the_papers_table() -> None:
 
 
 def test_action_zero_brakes() -> None:
-    assert ACTIONS[BRAKE_ACTION] == Control(0.0, 1.0, 0.0, False)
+    assert ACTIONS[BRAKE_ACTION] == Control(0.0, 1.0, 0.0, reverse=False)
 
 
-def test_the_papers_right_is_our_negative() -> None:
+def test_the_papers_positive_steer_is_negative_here() -> None:
     for row, action in zip(PAPER_TABLE, ACTIONS, strict=True):
         assert action.steer == -row[2]
-    assert ACTIONS[20] == Control(0.3, 0.0, -0.7, False)
+    assert ACTIONS[20] == Control(0.3, 0.0, -0.7, reverse=False)
 
 
 def test_every_action_is_valid_and_its_own_nearest() -> None:

@@ -1,4 +1,4 @@
-"""The vehicle's end: the last command is held, then the car brakes."""
+"""The vehicle's side: the last command is held, then the car brakes."""
 
 from raw2drive_ros.contract import Control
 from raw2drive_ros.driving.command_policy import CommandPolicy

@@ -1,4 +1,4 @@
-"""What the gate lets through and what stops the car: valid, invalid and limited proposals, any order of events."""
+"""What the gate passes on and what stops the car: valid, invalid and limited proposals, any order of events."""
 
 import math
 
@@ -38,7 +38,7 @@ def test_passes_valid_proposals_unchanged() -> None:
     ],
 )
 @pytest.mark.parametrize('first', [True, False])
-def test_an_invalid_proposal_is_an_emergency_and_latched(control, first) -> None:
+def test_an_invalid_proposal_is_a_latched_emergency_stop(control, first) -> None:
     gate = Gate() if first else driving_gate()
     answer = gate.propose(proposal(0.1, control), at(0.1))
     assert answer.brake == gate.limits.emergency_brake
@@ -49,7 +49,7 @@ def test_an_invalid_proposal_is_an_emergency_and_latched(control, first) -> None
     assert gate.reason.startswith('invalid proposal: Control')
 
 
-def test_a_message_that_is_no_command_is_an_emergency_and_its_reason_stays() -> None:
+def test_a_refused_message_is_an_emergency_stop_and_the_first_reason_stays() -> None:
     gate = driving_gate()
     assert gate.refuse('no field brake', at(0.1)).brake == gate.limits.emergency_brake
     gate.refuse('something else', at(0.2))
@@ -94,7 +94,7 @@ def test_a_standing_car_may_hold_full_lock() -> None:
     assert gate.state is GateState.DRIVING
 
 
-def test_limits_are_counted_and_their_result_is_what_is_held() -> None:
+def test_limits_are_counted_and_the_limited_command_is_held() -> None:
     gate = driving_gate(motion=MotionLimits(max_acceleration_mps2=2.0))
     answer = gate.propose(proposal(0.1), at(0.1))
     assert answer == Control(0.4, 0.0, 0.2)
@@ -102,11 +102,11 @@ def test_limits_are_counted_and_their_result_is_what_is_held() -> None:
     assert gate.counts == {'limited_acceleration': 2}
 
 
-def test_the_first_command_counts_from_the_brake_that_was_held() -> None:
+def test_the_first_command_is_rate_limited_from_the_held_brake() -> None:
     gate = Gate(motion=MotionLimits(max_jerk_mps3=10.0, max_steer_rate_1ps=1.0))
     answer = gate.propose(proposal(0.0, Control(1.0, 0.0, 1.0)), at(0.0))
     assert answer.throttle == 0.0
-    # Two pedals' rates and one wheel's for a millisecond.
+    # The jerk and steering rate limits over one millisecond.
     assert answer.brake == pytest.approx(gate.limits.hold_brake - 0.01 / 8.0)
     assert answer.steer == pytest.approx(0.001)
 
@@ -120,7 +120,7 @@ def test_an_absurd_speed_stops_the_car() -> None:
     assert gate.reason.endswith('is too fast')
 
 
-def test_limits_know_the_speed() -> None:
+def test_limits_use_the_measured_speed() -> None:
     gate = driving_gate(motion=MotionLimits(max_speed_mps=10.0))
     gate.observe(10.1, at(0.1))
     assert gate.propose(proposal(0.1), at(0.1)) == Control(0.0, 0.0, WANTED.steer)

@@ -1,4 +1,4 @@
-"""`params/gate.yaml`: the shipped file is what the classes say, and a wrong one names its field."""
+"""`params/gate.yaml`: the shipped file equals the defaults of the classes, and errors name the wrong field."""
 
 import math
 
@@ -24,7 +24,7 @@ def test_shipped_stops_are_the_defaults_and_the_car_is_the_simulated_one() -> No
     assert motion.full_brake_mps2 == car.brake_deceleration_mps2 == MotionLimits().full_brake_mps2
 
 
-def test_the_example_car_has_its_own_figures_and_limits_that_bite() -> None:
+def test_the_example_car_has_its_own_parameters_and_finite_limits() -> None:
     folder = params_folder().parent / 'examples' / 'vehicle_interface'
     motion = load_gate_config(folder / 'gate.yaml').motion_limits()
     car = yaml.safe_load((folder / 'toy_vehicle.yaml').read_text())['vehicle']

@@ -1,4 +1,4 @@
-"""Limits of the gate one by one: what changes a command, by how much, and what leaves it alone."""
+"""Limits of the gate one by one: what changes a command and by how much, and what does not."""
 
 import math
 from collections import deque
@@ -65,20 +65,20 @@ def test_lateral_acceleration_is_that_of_the_bicycle() -> None:
     assert limited(Control(steer=1.0), STILL, 0.0, DT_S, limits)[1] == ()
 
 
-def test_an_absurd_speed_is_a_speed() -> None:
+def test_an_absurd_speed_does_not_raise() -> None:
     answer, names = one(Control(0.0, 0.0, 0.5), speed_mps=1e200, max_lateral_mps2=3.0)
     assert names == ('lateral',)
     assert answer.steer == pytest.approx(0.0, abs=1e-9)
 
 
-def test_jerk_and_rate_count_from_the_command_before() -> None:
+def test_jerk_and_steer_rate_are_relative_to_the_previous_command() -> None:
     before = Control(0.0, 0.5, -0.5)
     answer, names = one(Control(1.0, 0.0, 0.5), before, max_jerk_mps3=20.0, max_steer_rate_1ps=3.0)
     assert names == ('jerk', 'steer_rate')
     assert (answer.throttle, answer.brake, answer.steer) == pytest.approx((0.0, 0.25, -0.2))
 
 
-def test_no_rate_keeps_the_throttle_down_on_a_car_that_is_too_fast() -> None:
+def test_no_rate_limit_keeps_the_throttle_open_on_a_car_that_is_too_fast() -> None:
     answer, names = one(Control(0.0, 1.0), Control(1.0), 12.0, max_jerk_mps3=1.0, max_speed_mps=10.0)
     assert names == ('jerk', 'speed')
     assert (answer.throttle, answer.brake) == (0.0, 0.0)
@@ -162,7 +162,7 @@ def test_any_command_stays_a_command_and_within_its_rates(wanted, before, speed,
         assert push <= 1e-9, names
 
 
-def test_swings_count_both_ways_and_age() -> None:
+def test_swings_count_in_both_directions_and_expire() -> None:
     swings = Oscillation(swing=1.0, turns=3, window_s=1.0)
     seen = [swings.see(steer, t) for t, steer in enumerate((0.0, 0.5, -0.5, 0.4, 0.5, -0.5))]
     assert seen == [False] * 6, 'one turn a second is no oscillation'
@@ -174,7 +174,7 @@ def test_swings_count_both_ways_and_age() -> None:
     assert swings.times == deque()
 
 
-def test_swings_of_just_that_age_count() -> None:
+def test_swings_exactly_as_old_as_the_window_count() -> None:
     swings = Oscillation(swing=1.0, turns=2, window_s=1.0)
     assert [swings.see(s, t) for s, t in ((0.5, 0.0), (-0.5, 1.0), (0.5, 2.0))] == [False, False, True]
 

@@ -1,4 +1,4 @@
-"""The gate and time: proposals that stop, come late or out of order, clocks that stand or go back, odometry."""
+"""The gate and time: missing, late or out-of-order proposals, clocks that freeze or go back, missing odometry."""
 
 import math
 
@@ -30,7 +30,7 @@ def test_long_silence_becomes_an_emergency_stop() -> None:
 
 @pytest.mark.parametrize(('offset', 'name'), [(0.31, 'late'), (-0.31, 'early')])
 @pytest.mark.parametrize('steady', [True, False])
-def test_proposals_from_another_time_count_as_silence(offset, name, steady) -> None:
+def test_proposals_with_stale_or_future_stamps_count_as_silence(offset, name, steady) -> None:
     gate = driving_gate(steady=steady)
     for now_s in (0.1, 0.2, 0.29):
         assert gate.propose(proposal(now_s - offset), at(now_s)) == WANTED
@@ -40,14 +40,14 @@ def test_proposals_from_another_time_count_as_silence(offset, name, steady) -> N
     assert gate.counts[name] == 4
 
 
-def test_a_proposal_of_just_that_age_passes() -> None:
+def test_a_proposal_exactly_at_the_age_limit_passes() -> None:
     gate = driving_gate()
     other = Control(0.1)
     assert gate.propose(proposal(0.0, other), at(0.3)) == other
     assert gate.propose(proposal(0.7, WANTED), at(0.4)) == WANTED, 'or just as early'
 
 
-def test_proposals_out_of_order_are_not_driven_by() -> None:
+def test_proposals_out_of_order_are_ignored() -> None:
     gate = driving_gate()
     drive(gate, 0.1, 2)
     assert gate.propose(proposal(0.1, Control(1.0)), at(0.25)) == WANTED

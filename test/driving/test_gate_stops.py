@@ -1,4 +1,4 @@
-"""The gate's stops: how hard they brake, when the brakes are not enough, and what lets the car drive again."""
+"""The gate's stops: how hard they brake, what happens if that is not enough, and when the car may drive again."""
 
 import pytest
 from gate_helpers import WANTED, at, driving_gate, proposal
@@ -35,7 +35,7 @@ def test_a_car_that_does_not_slow_down_is_braked_hard(speeds, state) -> None:
     gate.tick(at(0.31))
     assert gate.state is GateState.COMFORTABLE_STOP
     for i in range(4, 24):
-        # The planner is back, which does not end the stop.
+        # Valid proposals come again, which does not end the stop.
         gate.propose(proposal(0.1 * i), at(0.1 * i))
         gate.observe(speeds[1], at(0.1 * i))
     gate.tick(at(2.31))
@@ -52,20 +52,20 @@ def test_brakes_that_fade_after_a_while_are_noticed(until, state) -> None:
     gate.observe(5.0, at(0.0))
     gate.tick(at(0.31))
     for i in range(4, until):
-        # Half a metre per second slower by every second until 3 s, and no more from then on.
+        # The speed falls by 0.5 m/s each second until 3 s, and stays constant from then on.
         gate.propose(proposal(0.1 * i), at(0.1 * i))
         gate.observe(5.0 - 0.05 * min(i, 30), at(0.1 * i))
         gate.tick(at(0.1 * i))
     assert gate.state is state
 
 
-def test_a_stop_without_odometry_goes_by_time_alone() -> None:
+def test_a_stop_without_odometry_depends_on_time_alone() -> None:
     gate = driving_gate()
     gate.tick(at(0.31))
     for i in range(4, 60):
         gate.propose(proposal(0.1 * i), at(0.1 * i))
     assert gate.state is GateState.COMFORTABLE_STOP
-    # Heard for the first time: nobody knows how fast it was, so that it has to stand by now.
+    # The first odometry: the speed before the stop is unknown, so the car has to stand by now.
     gate.observe(0.4, at(6.0))
     gate.tick(at(6.0))
     assert gate.reason == 'the car does not slow down'

@@ -3,11 +3,11 @@ from raw2drive_ros.driving.sensor_monitor import SensorMonitor
 
 SECOND = 1_000_000_000
 INPUTS = ('front', 'imu', 'odometry')
-WELL = [Line(False, 'nominal: all sensors are well')]
+WELL = [Line(alarming=False, text='nominal: all sensors are well')]
 
 
-class Told:
-    """A monitor and what a log says of it."""
+class MonitoredInputs:
+    """A sensor monitor together with its log lines."""
 
     def __init__(self) -> None:
         self.monitor, self.report = SensorMonitor(('front',)), HealthReport()
@@ -17,45 +17,46 @@ class Told:
         now_ns = round(time_s * SECOND)
         for name in names:
             self.monitor.heard(name, now_ns, now_ns)
-        return self.report.lines(self.monitor.findings(now_ns), self.monitor.complete)
+        return self.report.lines(self.monitor.findings(now_ns), complete=self.monitor.complete)
 
 
-def test_a_log_tells_waiting_from_breaking_and_says_when_all_is_well() -> None:
-    told = Told()
-    assert told.hear(0.1, ()) == []
-    assert told.hear(1.0, ()) == [Line(False, 'waiting for camera front, imu, odometry: nothing heard yet')]
-    assert told.hear(2.0, ()) == [], 'once is enough'
-    assert told.hear(3.0) == WELL
-    assert told.hear(3.1) == []
-    (line,) = told.hear(4.0, ('front', 'odometry'))
+def test_waiting_failures_and_recovery_are_logged_each_in_its_way() -> None:
+    inputs = MonitoredInputs()
+    assert inputs.hear(0.1, ()) == []
+    waiting = Line(alarming=False, text='waiting for camera front, imu, odometry: nothing heard yet')
+    assert inputs.hear(1.0, ()) == [waiting]
+    assert inputs.hear(2.0, ()) == [], 'reported only once'
+    assert inputs.hear(3.0) == WELL
+    assert inputs.hear(3.1) == []
+    (line,) = inputs.hear(4.0, ('front', 'odometry'))
     assert line.alarming
     assert line.text.startswith('stop: imu: newest is 0.90 s old; ')
-    assert told.hear(4.1) == WELL
+    assert inputs.hear(4.1) == WELL
 
 
-def test_all_is_well_is_said_also_when_nothing_was_ever_wrong() -> None:
-    assert Told().hear(0.1) == WELL
+def test_healthy_sensors_are_reported_even_if_nothing_was_ever_wrong() -> None:
+    assert MonitoredInputs().hear(0.1) == WELL
 
 
-def test_an_input_that_never_came_is_broken_as_soon_as_others_flow() -> None:
-    (line,) = Told().hear(1.0, ('front', 'odometry'))
+def test_an_input_never_heard_is_a_failure_as_soon_as_others_arrive() -> None:
+    (line,) = MonitoredInputs().hear(1.0, ('front', 'odometry'))
     assert line.alarming
     assert line.text.startswith('stop: imu: silent for 1.00 s; ')
 
 
-def test_a_jump_of_time_neither_heals_a_dead_camera_nor_makes_it_one_that_was_never_there() -> None:
-    told = Told()
-    assert told.hear(1.0) == WELL
-    assert told.hear(2.0, ('imu', 'odometry'))[0].alarming
-    told.monitor.reset()
-    told.monitor.start(0)
-    assert told.hear(0.1, ('imu', 'odometry')) == []
-    assert told.hear(1.0, ('imu', 'odometry')) == []
-    findings = told.monitor.findings(SECOND)
+def test_after_a_time_jump_a_dead_camera_is_still_dead_and_not_unheard() -> None:
+    inputs = MonitoredInputs()
+    assert inputs.hear(1.0) == WELL
+    assert inputs.hear(2.0, ('imu', 'odometry'))[0].alarming
+    inputs.monitor.reset()
+    inputs.monitor.start(0)
+    assert inputs.hear(0.1, ('imu', 'odometry')) == []
+    assert inputs.hear(1.0, ('imu', 'odometry')) == []
+    findings = inputs.monitor.findings(SECOND)
     assert [(finding.subject, finding.unheard) for finding in findings] == [('camera front', False)]
 
 
-def test_a_camera_of_the_future_has_been_heard() -> None:
-    told = Told()
-    told.monitor.heard('front', 6 * SECOND, SECOND)
-    assert not any(finding.unheard for finding in told.monitor.findings(SECOND))
+def test_an_image_with_a_future_stamp_counts_as_heard() -> None:
+    inputs = MonitoredInputs()
+    inputs.monitor.heard('front', 6 * SECOND, SECOND)
+    assert not any(finding.unheard for finding in inputs.monitor.findings(SECOND))

@@ -1,4 +1,4 @@
-"""Calibrations on their way to the planner: converted when they change, and no decision once one cannot be used."""
+"""Calibrations for the planner: converted only when they change, and no decisions once one is unusable."""
 
 import pytest
 
@@ -14,8 +14,8 @@ FACTORY = RosbagsFactory()
 
 
 @pytest.fixture
-def told(bundle):
-    """A planner that knows every camera, its inputs and what they refused."""
+def calibrated(bundle):
+    """A planner with the calibration of every camera, its inputs, and what they refused."""
     planner, refused = RawPlanner(load_bundle(bundle), MonitorLimits()), []
     inputs = PlannerInputs(planner, on_refused=lambda name, why: refused.append((name, why)))
     for camera in planner.bundle.rig:
@@ -29,9 +29,9 @@ def info(planner: RawPlanner, stamp_ns: int = 1):
     return camera_info_to_message(FACTORY, planner.bundle.rig[0], stamp_ns)
 
 
-def test_the_same_calibration_again_changes_nothing(told) -> None:
-    planner, inputs, refused = told
-    planner._check_cameras()
+def test_the_same_calibration_again_changes_nothing(calibrated) -> None:
+    planner, inputs, refused = calibrated
+    planner.check_cameras()
     before = dict(planner.calibrations)
     inputs.receive(topics.camera_info_topic('front'), info(planner), 1)
     assert planner.rig_checked
@@ -39,9 +39,9 @@ def test_the_same_calibration_again_changes_nothing(told) -> None:
     assert refused == []
 
 
-def test_a_changed_calibration_is_checked_again(told) -> None:
-    planner, inputs, _ = told
-    planner._check_cameras()
+def test_a_changed_calibration_is_checked_again(calibrated) -> None:
+    planner, inputs, _ = calibrated
+    planner.check_cameras()
     message = info(planner)
     # A new array: the message shares its memory with the calibration that it was made from.
     message.k = message.k * 1.1
@@ -50,9 +50,9 @@ def test_a_changed_calibration_is_checked_again(told) -> None:
     assert planner.calibrations['front'].intrinsics[0, 0] == pytest.approx(message.k[0])
 
 
-def test_an_unusable_calibration_stops_decisions_until_it_is_mended(told) -> None:
-    planner, inputs, refused = told
-    planner._check_cameras()
+def test_an_unusable_calibration_stops_decisions_until_it_is_mended(calibrated) -> None:
+    planner, inputs, refused = calibrated
+    planner.check_cameras()
     message = info(planner)
     message.d[0] = 0.1
     inputs.receive(topics.camera_info_topic('front'), message, 1)
@@ -60,15 +60,15 @@ def test_an_unusable_calibration_stops_decisions_until_it_is_mended(told) -> Non
     assert 'front' not in planner.calibrations
     assert not planner.rig_checked
     inputs.receive(topics.camera_info_topic('front'), info(planner), 2)
-    planner._check_cameras()
+    planner.check_cameras()
     assert planner.rig_checked
 
 
-def test_calibrations_are_taken_again_after_a_new_start(told) -> None:
-    planner, inputs, _ = told
+def test_calibrations_are_taken_again_after_a_new_start(calibrated) -> None:
+    planner, inputs, _ = calibrated
     planner.start(5)
     assert planner.calibrations == {}
     for camera in planner.bundle.rig:
         inputs.receive(topics.camera_info_topic(camera.name), camera_info_to_message(FACTORY, camera, 6), 6)
-    planner._check_cameras()
+    planner.check_cameras()
     assert planner.rig_checked

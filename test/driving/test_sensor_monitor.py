@@ -1,4 +1,4 @@
-"""Sensors that are not fit to drive by: each fault, its state, and that healthy ones raise nothing."""
+"""Sensor data that is not fit for driving: each fault and its health; healthy sensors give no findings."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def picture() -> np.ndarray:
 
 
 def feed(monitor: SensorMonitor, tick: int, speed_mps: float = 5.0, leave_out: str = '', **images) -> None:
-    """One tick of everything; images by camera name replace the random ones."""
+    """One tick of all inputs; images by camera name replace the random ones."""
     stamp_ns = tick * TICK_NS
     for name in (*CAMERAS, 'imu', 'odometry'):
         if name != leave_out:
@@ -45,7 +45,7 @@ def only(monitor: SensorMonitor, tick: float):
     return finding
 
 
-def test_the_shipped_file_is_what_the_class_says() -> None:
+def test_the_shipped_file_equals_the_defaults_of_the_class() -> None:
     assert load_monitor_config().limits(load_timing()) == MonitorLimits()
 
 
@@ -88,7 +88,7 @@ def test_stamps_ahead_of_the_clock_stop() -> None:
 
 
 @pytest.mark.parametrize('name', [*CAMERAS, 'imu', 'odometry'])
-def test_one_stamp_of_the_future_costs_one_message(name) -> None:
+def test_one_future_stamp_costs_one_message(name) -> None:
     monitor = started()
     assert monitor.heard(name, 14 * TICK_NS, 11 * TICK_NS), 'a clock may come a little later than what it stamps'
     assert not monitor.heard(name, 36_000 * TICK_NS, 14 * TICK_NS)
@@ -206,7 +206,7 @@ def test_messages_out_of_order_are_not_used_and_counted() -> None:
     assert monitor.counts == {'front_out_of_order': 1}
 
 
-def test_a_new_beginning_forgets_everything_but_the_counts() -> None:
+def test_a_reset_forgets_everything_but_the_counts() -> None:
     monitor = started()
     monitor.heard('front', 0, 11 * TICK_NS)
     monitor.refused('imu', 'x', 11 * TICK_NS)

@@ -1,4 +1,4 @@
-"""Faults on messages: what is lost, late, frozen or false, when, and the same again with the same seed."""
+"""Faults on messages: what is lost, late, frozen or wrong, and when; the same seed gives the same faults."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_other_topics_are_not_touched() -> None:
     assert image_from_message(one(injector(topics.image_topic('back'), 'black'), FRONT, image(5)))[0, 0, 0] == 100
 
 
-def test_a_share_is_lost_and_the_same_share_again() -> None:
+def test_a_share_is_lost_reproducibly() -> None:
     def lost(seed: int) -> list[bool]:
         made = injector(FRONT, 'drop', amount=0.4)
         made.seed = seed

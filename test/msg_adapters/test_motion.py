@@ -1,4 +1,4 @@
-"""Pedals and steering as motion: signs, bounds, and agreement with a car that is driven by the same pedals."""
+"""Pedals and steering converted to motion: signs, bounds and symmetry."""
 
 import math
 
@@ -62,7 +62,7 @@ def test_an_unknown_speed_asks_for_a_standstill() -> None:
     motion = standstill(Control(1.0, steer=0.2), CAR)
     assert (motion.speed_mps, motion.acceleration_mps2, motion.yaw_rate_radps) == (0.0, -8.0, 0.0)
     assert standstill(Control(0.0, 0.5), CAR).acceleration_mps2 == -4.0
-    assert standstill(Control(0.0, 0.5), CAR, -2.0).acceleration_mps2 == 4.0, 'it drove backwards when last seen'
+    assert standstill(Control(0.0, 0.5), CAR, -2.0).acceleration_mps2 == 4.0, 'its last known speed was backwards'
 
 
 @pytest.mark.parametrize('speed', [-0.05, -0.001, 0.0, 0.001, 0.05])

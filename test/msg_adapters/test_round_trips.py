@@ -176,7 +176,15 @@ def test_privileged(factory, seed) -> None:
     )
     assert np.array_equal(back.bev, bev)
     assert np.array_equal(back.ego, frame.ego)
-    step = Transition(9, 4, -0.5, {'speed': 0.25, 'steer': -0.75}, False, True, True)
+    step = Transition(
+        9,
+        4,
+        -0.5,
+        {'speed': 0.25, 'steer': -0.75},
+        is_first=False,
+        is_terminal=True,
+        is_last=True,
+    )
     assert privileged.transition_from_message(privileged.transition_to_message(factory, step, 'A/3')) == (step, 'A/3')
 
 
@@ -208,7 +216,7 @@ def test_rclpy_and_rosbags_read_each_others_bytes() -> None:
     rclpy, rosbags = FACTORIES['rclpy'], FACTORIES['rosbags']
     ours = rosbags.serialize(commands.decision_to_message(rosbags, decision), 'sensor_msgs/msg/JointState')
     assert commands.decision_from_message(deserialize_message(ours, JointState)) == decision
-    # rclpy's buffer is as long as its size estimate; what is beyond the message is not part of it.
+    # rclpy's buffer has the size of its estimate: bytes beyond the message do not belong to it.
     theirs = bytes(serialize_message(commands.decision_to_message(rclpy, decision)))[: len(ours)]
     read = rosbags.deserialize(theirs, 'sensor_msgs/msg/JointState')
     assert commands.decision_from_message(read) == decision
@@ -231,7 +239,7 @@ def test_an_orientation_too_large_to_square_is_refused(factory) -> None:
 
 
 @factories
-def test_a_message_has_memory_of_its_own(factory) -> None:
+def test_a_message_does_not_share_memory_with_its_source(factory) -> None:
     camera = camera_rig()[0]
     message = sensors.camera_info_to_message(factory, camera, 1)
     before = camera.intrinsics.copy()

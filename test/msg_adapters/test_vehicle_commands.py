@@ -1,4 +1,4 @@
-"""Commands for other vehicles, through CDR and back; types that common_interfaces lacks are declared by field."""
+"""Commands for other vehicles, through CDR and back; types that are not in common_interfaces are defined here."""
 
 import pytest
 from rosbags.typesys import get_types_from_msg
@@ -47,7 +47,7 @@ def factory() -> RosbagsFactory:
 
 
 def made(factory, output, control=CONTROL, motion=MOTION):
-    """What a vehicle reads from the bytes."""
+    """The message that a vehicle reads from the bytes."""
     adapter = ADAPTERS[output]
     message = adapter.make(factory, control, motion, STAMP_NS)
     return factory.deserialize(factory.serialize(message, adapter.msgtype), adapter.msgtype)

@@ -1,4 +1,4 @@
-"""Gives a command adapter commands, silence and NaN, and tells what comes of them; run by test_command_adapter.py."""
+"""Sends a command adapter commands, nothing and NaN, and prints its output; run by test_command_adapter.py."""
 
 import json
 import math
@@ -28,7 +28,7 @@ sample = OdometrySample(1, 0.0, 0.0, 0.0, 8.0, 0.0)
 
 
 def phase(seconds: float, control: Control | None, *, moving: bool = True) -> list[tuple[float, float]]:
-    """What came out in the second half of a phase."""
+    """(speed, yaw rate) of the output in the second half of a phase."""
     begin = time.monotonic()
     while (spent := time.monotonic() - begin) < seconds:
         if spent < seconds / 2:
@@ -43,7 +43,7 @@ def phase(seconds: float, control: Control | None, *, moving: bool = True) -> li
 
 while not (commands.get_subscription_count() and odometry.get_subscription_count() and heard):
     rclpy.spin_once(node, timeout_sec=0.1)
-told = {
+outputs = {
     'before': phase(1.0, None),
     'left': phase(1.0, Control(1.0, 0.0, 0.5)),
     'silence': phase(1.6, None),
@@ -51,6 +51,6 @@ told = {
     'again': phase(1.0, Control(1.0, 0.0, 0.5)),
     'no odometry': phase(2.0, Control(1.0, 0.0, 0.5), moving=False),
 }
-print(json.dumps(told))
+print(json.dumps(outputs))
 node.destroy_node()
 rclpy.shutdown()

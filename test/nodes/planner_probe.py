@@ -1,6 +1,6 @@
-"""A probe that does everything wrong to a planner and a gate; run by test_probes.py in a process of its own.
+"""A probe that sends invalid requests and messages to a planner and a gate; run by test_probes.py as a process.
 
-Prints one JSON line: what was answered to each wrong request, and whether both nodes still work afterwards.
+Prints one JSON line: the answer to each invalid request, and whether both nodes still work afterwards.
 """
 
 import json
@@ -51,12 +51,12 @@ def state() -> str:
     return call(GetState, '/planner/get_state', GetState.Request()).current_state.label
 
 
-told = {'before': state()}
-told['activate again'] = change(Transition.TRANSITION_ACTIVATE)
-told['configure again'] = change(Transition.TRANSITION_CONFIGURE)
-told['no transition'] = change(99)
-told['late parameter'] = set_parameter('planner', 'bundle', '/tmp')
-told['wrong type'] = set_parameter('planner', 'threads', 'many')
+answers = {'before': state()}
+answers['activate again'] = change(Transition.TRANSITION_ACTIVATE)
+answers['configure again'] = change(Transition.TRANSITION_CONFIGURE)
+answers['no transition'] = change(99)
+answers['late parameter'] = set_parameter('planner', 'bundle', '/tmp')
+answers['wrong type'] = set_parameter('planner', 'threads', 'many')
 
 publishers = {
     Image: node.create_publisher(Image, topics.image_topic('front'), 1),
@@ -73,16 +73,16 @@ while time.monotonic() < deadline:
     publishers[JointState].publish(JointState(name=['steer', 'steer'], position=[1.0]))
     rclpy.spin_once(node, timeout_sec=0.1)
 
-told['after'] = state()
-told['gate'] = call(Trigger, '/safety_gate/activate', Trigger.Request()).success
-told['deactivate'] = change(Transition.TRANSITION_DEACTIVATE)
-told['end'] = state()
-told['activated'] = change(Transition.TRANSITION_ACTIVATE)
-told['listening'] = node.count_subscribers(topics.IMU)
-told['shutdown'] = change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+answers['after'] = state()
+answers['gate'] = call(Trigger, '/safety_gate/activate', Trigger.Request()).success
+answers['deactivate'] = change(Transition.TRANSITION_DEACTIVATE)
+answers['end'] = state()
+answers['activated'] = change(Transition.TRANSITION_ACTIVATE)
+answers['listening'] = node.count_subscribers(topics.IMU)
+answers['shutdown'] = change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
 time.sleep(1.0)
-told['still listening'] = node.count_subscribers(topics.IMU)
-print(json.dumps(told))
+answers['still listening'] = node.count_subscribers(topics.IMU)
+print(json.dumps(answers))
 node.destroy_node()
 rclpy.shutdown()
 sys.exit(0)

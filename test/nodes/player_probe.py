@@ -1,4 +1,4 @@
-"""Steers a player through its services and prints what /clock said meanwhile; run by test_player.py."""
+"""Controls a player through its services and prints the /clock stamps meanwhile; run by test_player.py."""
 
 import json
 import time
@@ -26,7 +26,7 @@ node.create_subscription(
 
 
 def listen(seconds: float) -> list[int]:
-    """The stamps since the last call, after so many seconds more."""
+    """Listen for `seconds`; the stamps since the last call."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         rclpy.spin_once(node, timeout_sec=0.05)
@@ -51,23 +51,23 @@ def set_double(name: str, value: float) -> bool:
 
 call(SetBool, '/player/pause', SetBool.Request(data=True))
 listen(0.5)
-told = {'step while paused': call(Trigger, '/player/step', Trigger.Request()).success}
-told['one step'] = listen(1.0)
-told['nothing'] = listen(0.5)
-told['wrong rate'] = set_double('rate', -1.0)
-told['rate'] = set_double('rate', 2.0)
+observed = {'step while paused': call(Trigger, '/player/step', Trigger.Request()).success}
+observed['one step'] = listen(1.0)
+observed['nothing'] = listen(0.5)
+observed['wrong rate'] = set_double('rate', -1.0)
+observed['rate'] = set_double('rate', 2.0)
 call(SetBool, '/player/pause', SetBool.Request(data=False))
-told['playing'] = listen(1.0)
+observed['playing'] = listen(1.0)
 call(SetBool, '/player/pause', SetBool.Request(data=True))
 listen(0.3)
-told['paused'] = listen(0.5)
-told['step while playing'] = None
-told['start'] = set_double('start_s', 0.5)
+observed['paused'] = listen(0.5)
+observed['step while playing'] = None
+observed['start'] = set_double('start_s', 0.5)
 call(Trigger, '/player/seek', Trigger.Request())
-told['after seek'] = listen(0.5)
+observed['after seek'] = listen(0.5)
 call(SetBool, '/player/pause', SetBool.Request(data=False))
-told['step while playing'] = call(Trigger, '/player/step', Trigger.Request()).success
-told['again'] = listen(6.0)
-print(json.dumps(told))
+observed['step while playing'] = call(Trigger, '/player/step', Trigger.Request()).success
+observed['again'] = listen(6.0)
+print(json.dumps(observed))
 node.destroy_node()
 rclpy.shutdown()

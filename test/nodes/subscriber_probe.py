@@ -1,4 +1,4 @@
-"""Listeners that come one after the other to a bridge that waits; a process of its own for test_simulation_bridge.py.
+"""Subscribers that join a waiting bridge one after another; run by test_simulation_bridge.py as a process.
 
 argv: as JSON, a list of steps, each a list of [node, topic] to subscribe to. Prints one JSON line: for each
 step, whether the bridge drove (published /clock) within WATCH_S after every subscription was matched.
@@ -15,7 +15,7 @@ from raw2drive_ros import topics
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.transport import configure_transport
 
-# The bridge goes on waiting for a second after it has found everybody.
+# The bridge waits for another second after it has found all peers.
 FIND_S, WATCH_S = 20.0, 2.5
 
 configure_transport()

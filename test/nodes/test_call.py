@@ -1,4 +1,4 @@
-"""`raw2drive call`: services of running nodes, their refusals, and names that nobody has."""
+"""`raw2drive call`: services of running nodes, refusals, and unknown names."""
 
 import pytest
 
@@ -9,8 +9,8 @@ from raw2drive_ros.graph.processes import reserve_domain, running_graph
 def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, capsys) -> None:
     def call(*words: str) -> tuple[int, str]:
         code = main(['call', *words, '--domain', str(domain)])
-        told = capsys.readouterr()
-        return code, told.out + told.err
+        captured = capsys.readouterr()
+        return code, captured.out + captured.err
 
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
         graph.start('safety_gate', {}, sim_time=False)
@@ -38,11 +38,11 @@ def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, caps
             assert code == 1
             assert why in text
         graph.check()
-        # Nothing of what was refused together was set.
+        # Parameters that were refused together were not set.
         assert call('/player/pause', 'True') == (0, 'paused at 4000000000 ns\n')
 
 
 @pytest.mark.parametrize('words', [['seek'], ['/player/seek', '--set', 'start_s'], ['--set', 'a=1']])
-def test_wrong_usage_is_said_before_anything_starts(words, capsys) -> None:
+def test_wrong_usage_is_reported_before_anything_starts(words, capsys) -> None:
     assert main(['call', *words]) == 2
     assert capsys.readouterr().err.startswith('error: ')

@@ -1,4 +1,4 @@
-"""check-vehicle against our own bridge: every check passes, and it moves nothing unless it may."""
+"""check-vehicle against our own bridge: every check passes, and it moves the car only if allowed."""
 
 import json
 import os
@@ -52,7 +52,7 @@ def test_our_bridge_and_the_example_keep_the_contract(tmp_path, start, motion) -
         assert [v['check'] for v in verdicts if v['severity'] == 'skipped'][-1] == 'motion'
 
 
-def test_an_empty_graph_lacks_everything(tmp_path) -> None:
+def test_an_empty_graph_fails_and_is_not_moved(tmp_path) -> None:
     with reserve_domain(None) as domain:
         code, verdicts = check(domain, '--allow-motion')
     assert code == 1
@@ -63,7 +63,7 @@ def test_an_empty_graph_lacks_everything(tmp_path) -> None:
     assert verdicts[-1]['severity'] == 'skipped'
 
 
-# Follows the speed of the car and prints it, once it has driven faster than 1 m/s.
+# Prints the speed of the car, from when it has first been above 1 m/s.
 WATCH = """
 import time
 import rclpy
@@ -100,5 +100,5 @@ def test_ctrl_c_leaves_a_car_that_stands(tmp_path) -> None:
         ended = time.monotonic()
         watch.terminate()
         seen = [tuple(map(float, line.split())) for line in watch.stdout if len(line.split()) == 2]
-    # While the probe brakes, not 0.3 s after it has fallen silent.
+    # It stood while the probe was still braking, not only 0.3 s after the last command.
     assert min(t for t, speed in seen if speed < 0.1) < ended

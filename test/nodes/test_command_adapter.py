@@ -1,4 +1,4 @@
-"""The command adapter between real processes: what a car with TwistStamped gets."""
+"""The command adapter between real processes: what a car with TwistStamped receives."""
 
 import json
 import subprocess
@@ -22,8 +22,8 @@ def test_commands_silence_nan_and_lost_odometry(tmp_path) -> None:
         assert probe.returncode == 0, probe.stderr[-2000:]
         graph.check()
         log = (tmp_path / 'command_adapter.log').read_text()
-    told = json.loads(probe.stdout.splitlines()[-1])
-    assert all(len(messages) >= 5 for messages in told.values()), 'it is never silent'
+    outputs = json.loads(probe.stdout.splitlines()[-1])
+    assert all(len(messages) >= 5 for messages in outputs.values()), 'it keeps publishing in every phase'
     # 8 m/s, 0.5 s ahead: full throttle of 5 m/s2, or the brake's 0.6 of 8 m/s2.
     for phase, speed in {
         'before': 5.6,
@@ -33,8 +33,8 @@ def test_commands_silence_nan_and_lost_odometry(tmp_path) -> None:
         'again': 10.5,
         'no odometry': 0,
     }.items():
-        assert {round(message[0], 6) for message in told[phase]} == {speed}, phase
-    assert all(yaw_rate > 0.5 for _, yaw_rate in told['left'])
+        assert {round(message[0], 6) for message in outputs[phase]} == {speed}, phase
+    assert all(yaw_rate > 0.5 for _, yaw_rate in outputs['left'])
     assert 'command refused: Control: not finite' in log
     for said in ('no command: braking', 'passing commands on', 'no odometry: asking for a standstill'):
         assert said in log
@@ -48,7 +48,7 @@ def test_commands_silence_nan_and_lost_odometry(tmp_path) -> None:
         ({'horizon_s': 0.0}, 'parameter horizon_s is 0.0; use 0 to 5 s'),
     ],
 )
-def test_what_cannot_work_ends_at_once_and_says_why(tmp_path, parameters, words) -> None:
+def test_unusable_parameters_end_it_at_once_with_the_reason(tmp_path, parameters, words) -> None:
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
         graph.start('command_adapter', parameters, sim_time=False)
         assert graph.processes['command_adapter'].wait(30) == 1

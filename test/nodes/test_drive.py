@@ -1,4 +1,4 @@
-"""`raw2drive drive` on the example vehicle: whoever dies or ends it, the gate stops the car first."""
+"""`raw2drive drive` on the example vehicle: when a node dies or the user ends it, the gate first stops the car."""
 
 import os
 import signal
@@ -49,7 +49,7 @@ def test_the_gate_stops_the_car_before_everything_ends(tmp_path, how) -> None:
             while float(watch.readline()) < 2.0:
                 assert time.monotonic() < deadline, 'it never drove'
                 if time.monotonic() > again:
-                    # On a busy machine a gate may see 0.3 s of silence in its first second, and is then latched.
+                    # On a busy machine the gate may see 0.3 s of silence in its first second and latch a stop.
                     again += 15.0
                     main(['call', '/safety_gate/activate', '--domain', str(domain)])
             if how == 'ctrl-c':

@@ -46,7 +46,7 @@ def test_graph_and_in_process_evaluation_give_the_same_commands_bit_for_bit(driv
     expected, rows = [], []
     for route in ROUTES:
         drive = drive_route(env, driver, route)
-        # The graph decides on the last frame of an episode too; nobody drives by that decision.
+        # The graph decides on the last frame of an episode too, but that decision is not applied.
         expected.append(drive.controls)
         rows.append(drive.result)
     first = len(expected[0])
@@ -67,7 +67,7 @@ def test_rule_driver_as_sim_driver_scores_as_it_does_in_process() -> None:
     assert seen == [(1, str(routes[0])), (2, str(routes[1]))]
 
 
-def test_nothing_is_lost_and_figures_are_there(driven) -> None:
+def test_nothing_is_lost_and_timing_is_reported(driven) -> None:
     _, _, timing = driven
     assert timing['messages_lost'] == 0
     assert timing['commands_missed'] == 0
@@ -121,7 +121,7 @@ def test_a_fault_between_the_real_nodes_stops_the_car_and_is_logged(bundle, tmp_
     assert words in logs[log]
     assert '_stop: ' in logs['safety_gate']
     assert 'driving' not in logs['safety_gate'].split('_stop: ')[1], 'a stop is latched'
-    # The bag tells the same story: what was done, who noticed it, and that the car was stopped.
+    # The bag shows the same: the fault, the node that noticed it, and the stop.
     events = events_of(tmp_path / 'bag')
     assert [e for e in events if e.node == 'fault_injector' and e.level == 'warning']
     assert [e for e in events if e.node == log and e.level == 'error' and words.split('_stop: ')[-1] in e.text]
@@ -129,7 +129,7 @@ def test_a_fault_between_the_real_nodes_stops_the_car_and_is_logged(bundle, tmp_
 
 
 def test_a_gate_that_stopped_in_one_episode_drives_in_the_next(tmp_path) -> None:
-    # The next episode is another car at another place; nobody would want it to stand because of the one before.
+    # The next episode starts elsewhere: a stop of the previous one must not hold the car.
     plans = tmp_path / 'plans.yaml'
     plans.write_text('plans: {once: [{topic: /control/proposed, kind: nan, start_s: 2, duration_s: 1}]}')
     job = GraphJob(

@@ -1,4 +1,4 @@
-"""However the command that started nodes ends, its nodes end with it, and the recorder among them closes its bag."""
+"""However a command that started nodes ends, its nodes end with it, and a recorder among them closes its bag."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def not_under_nohup() -> None:
-    """Whoever runs the tests may ignore SIGHUP, and the command would heed that."""
+    """Restore the default of SIGHUP: the command would inherit that it is ignored where the tests run under nohup."""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 

@@ -24,17 +24,17 @@ def test_a_player_pauses_steps_seeks_and_loops(bag, tmp_path) -> None:
         )
         assert probe.returncode == 0, probe.stderr[-2000:]
         graph.check()
-    told = json.loads(probe.stdout.splitlines()[-1])
-    assert told['step while paused'] is True
-    assert len(told['one step']) == 1
-    assert told['nothing'] == told['paused'] == []
-    assert (told['wrong rate'], told['rate'], told['start']) == (False, True, True)
-    playing = told['playing']
+    observed = json.loads(probe.stdout.splitlines()[-1])
+    assert observed['step while paused'] is True
+    assert len(observed['one step']) == 1
+    assert observed['nothing'] == observed['paused'] == []
+    assert (observed['wrong rate'], observed['rate'], observed['start']) == (False, True, True)
+    playing = observed['playing']
     assert playing == sorted(playing)
     assert 1.4e9 < playing[-1] - playing[0] < 2.3e9, 'twice as fast as recorded'
-    assert told['after seek'] == [start_ns + 500_000_000]
-    assert told['step while playing'] is False
-    again = told['again']
+    assert observed['after seek'] == [start_ns + 500_000_000]
+    assert observed['step while playing'] is False
+    again = observed['again']
     assert max(again) <= end_ns
     back = [b for a, b in itertools.pairwise(again) if b < a]
-    assert back[0] == start_ns + 500_000_000, 'a loop begins where the first time did'
+    assert back[0] == start_ns + 500_000_000, 'a loop starts again at start_s'

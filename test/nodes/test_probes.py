@@ -1,4 +1,4 @@
-"""Nodes survive what a probe does to them: invalid transitions, parameters, messages; and say why they refuse."""
+"""Nodes survive invalid transitions, parameters and messages, and give the reason of a refusal."""
 
 import json
 import subprocess
@@ -20,20 +20,23 @@ def test_wrong_requests_parameters_and_messages_end_no_node(bundle, tmp_path) ->
             [sys.executable, str(PROBE)], cwd=ROOT, env=graph.environment, capture_output=True, text=True, timeout=120
         )
         assert probe.returncode == 0, probe.stderr[-2000:]
-        told = json.loads(probe.stdout.splitlines()[-1])
+        answers = json.loads(probe.stdout.splitlines()[-1])
         graph.check()
         logs = {name: (tmp_path / f'{name}.log').read_text() for name in ('planner', 'safety_gate')}
-    assert told['before'] == told['after'] == 'active'
-    assert not any(told[wrong] for wrong in ('activate again', 'configure again', 'no transition'))
-    assert told['late parameter'] == [False, 'bundle is read when the node starts; start it again with another value']
-    assert told['wrong type'][0] is False
-    assert (told['deactivate'], told['end']) == (True, 'inactive')
-    assert (told['activated'], told['listening']) == (True, 1)
-    assert (told['shutdown'], told['still listening']) == (True, 0), 'nothing more is proposed'
+    assert answers['before'] == answers['after'] == 'active'
+    assert not any(answers[wrong] for wrong in ('activate again', 'configure again', 'no transition'))
+    assert answers['late parameter'] == [
+        False,
+        'bundle is read when the node starts; start it again with another value',
+    ]
+    assert answers['wrong type'][0] is False
+    assert (answers['deactivate'], answers['end']) == (True, 'inactive')
+    assert (answers['activated'], answers['listening']) == (True, 1)
+    assert (answers['shutdown'], answers['still listening']) == (True, 0), 'a shut down planner proposes nothing'
     assert "front refused: image encoding 'noise' is not supported" in logs['planner']
     assert 'imu refused' in logs['planner']
     assert 'emergency_stop: invalid proposal: named values' in logs['safety_gate']
-    assert told['gate'] is False, 'two publish proposals'
+    assert answers['gate'] is False, 'there are two publishers of proposals'
 
 
 def test_a_planner_that_cannot_configure_stays_unconfigured_and_says_why(tmp_path) -> None:

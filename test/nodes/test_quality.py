@@ -1,4 +1,4 @@
-"""Publishers and subscriptions of the topic table: what is lost counts at once, peers that do not fit are named."""
+"""Publishers and subscriptions of the topic table: losses count at once, incompatible peers are reported."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The recorder as a process: the ring buffer is written when the gate stops the car and when it is asked."""
+"""The recorder as a process: the ring buffer is saved when the gate stops the car and on request."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.recording.bag_info import bag_info
 
 ROOT = Path(__file__).resolve().parents[2]
-# Three seconds of odometry and of proposals that are no commands, then ~/save.
+# Three seconds of odometry and of invalid proposals, then ~/save.
 PROBE = """
 import time
 import rclpy

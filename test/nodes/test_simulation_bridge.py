@@ -1,4 +1,4 @@
-"""The bridge starts when every sensor topic has its listeners, and publishes what the topic table says."""
+"""The bridge starts when every sensor topic has its subscribers, and publishes what the topic table says."""
 
 import json
 import subprocess
@@ -53,7 +53,7 @@ SENSORS = [*IMAGES, *OTHERS]
     ],
     ids=['planner', 'planner and recorder', 'sim driver and recorder'],
 )
-def test_it_waits_until_every_sensor_topic_has_its_listeners(tmp_path, parameters, steps) -> None:
+def test_it_waits_until_every_sensor_topic_has_its_subscribers(tmp_path, parameters, steps) -> None:
     with reserve_domain(None) as domain, running_graph(tmp_path, domain) as graph:
         graph.start('bridge', QUICK | parameters, sim_time=False)
         probe = subprocess.run(

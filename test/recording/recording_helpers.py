@@ -1,4 +1,4 @@
-"""What the tests of recordings share: messages as bytes, read from a bag or made."""
+"""Shared by the tests of recordings: serialised messages, read from a bag or made."""
 
 from pathlib import Path
 

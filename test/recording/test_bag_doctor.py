@@ -1,4 +1,4 @@
-"""What `raw2drive bag` says of a bag: the doctor, the events, the verbs on the command line."""
+"""`raw2drive bag`: the doctor, the events, and the verbs on the command line."""
 
 import json
 

@@ -36,7 +36,7 @@ def test_cut_keeps_latched_messages_and_the_chosen_topics(bag, tmp_path) -> None
 
 
 def test_a_cut_without_limits_loses_nothing_of_a_drive_by_the_wall_clock(tmp_path) -> None:
-    # Far from zero a float of nanoseconds is off by hundreds of them.
+    # A float64 of nanoseconds since 1970 is off by up to 128.
     first_ns = 1_764_000_000_123_456_701
     with BagWriter(tmp_path / 'old', {}) as writer:
         for number in range(5):
@@ -44,7 +44,7 @@ def test_a_cut_without_limits_loses_nothing_of_a_drive_by_the_wall_clock(tmp_pat
     assert cut(tmp_path / 'old', tmp_path / 'new') == {topics.ODOMETRY: 5}
 
 
-def test_what_was_cut_apart_is_merged_again(bag, tmp_path) -> None:
+def test_two_cuts_are_merged_to_the_original(bag, tmp_path) -> None:
     cut(bag, tmp_path / 'a', 0.0, 3.0, (topics.IMU, topics.ODOMETRY))
     cut(bag, tmp_path / 'b', 3.0, patterns=(topics.IMU, topics.ODOMETRY))
     merge([tmp_path / 'b', tmp_path / 'a'], tmp_path / 'whole')
@@ -55,7 +55,7 @@ def test_what_was_cut_apart_is_merged_again(bag, tmp_path) -> None:
     assert stamps == sorted(stamps)
 
 
-def test_merging_keeps_what_both_have_once_and_refuses_two_drives(bag, tmp_path) -> None:
+def test_merging_keeps_one_copy_of_duplicates_and_refuses_two_drives(bag, tmp_path) -> None:
     cut(bag, tmp_path / 'imu', patterns=(topics.IMU,))
     both = merge([bag, tmp_path / 'imu'], tmp_path / 'both')
     assert both.counts == bag_counts(bag)
@@ -71,7 +71,7 @@ def test_merging_keeps_what_both_have_once_and_refuses_two_drives(bag, tmp_path)
 
 
 def test_the_parts_of_a_split_drive_are_merged_though_the_gate_repeats_itself(tmp_path) -> None:
-    # A gate on a car answers a proposal, and then says the same again under the same stamp.
+    # A gate on a car answers a proposal, and then repeats the command under the same stamp.
     factory = RosbagsFactory()
     recording = Recording(tmp_path / 'day', {}, split_s=1.05)
     for tick in range(30):
@@ -88,7 +88,7 @@ def test_the_parts_of_a_split_drive_are_merged_though_the_gate_repeats_itself(tm
     assert merged.doubled == 0
 
 
-def test_a_bag_without_messages_is_called_that(bag, tmp_path) -> None:
+def test_a_bag_without_messages_is_a_clear_error(bag, tmp_path) -> None:
     BagWriter(tmp_path / 'empty', {}).close()
     for attempt in (
         lambda: cut(tmp_path / 'empty', tmp_path / 'new'),
@@ -102,7 +102,7 @@ def bag_counts(bag: Path) -> dict[str, int]:
     return dict(Counter(topic for topic, _, _ in messages_of(bag)))
 
 
-def test_an_old_bag_is_cut_from_where_it_flows(tmp_path) -> None:
+def test_cut_times_count_from_the_first_message_that_is_not_latched(tmp_path) -> None:
     with BagWriter(tmp_path / 'old') as bag:
         bag.write_raw(*raw_message(topics.ROUTE, 1))
         for tick in range(20):

@@ -69,7 +69,7 @@ def test_an_unclosed_bag_is_a_clear_error(bag, tmp_path) -> None:
         pass
 
 
-def test_a_file_of_a_bag_stands_for_it(bag, tmp_path) -> None:
+def test_a_file_of_a_bag_can_be_given_instead_of_its_folder(bag, tmp_path) -> None:
     file = next(bag.glob('*.mcap'))
     assert bag_info(file)['topics'] == bag_info(bag)['topics']
     shutil.copy(file, tmp_path / 'alone.mcap')
@@ -77,7 +77,7 @@ def test_a_file_of_a_bag_stands_for_it(bag, tmp_path) -> None:
         pass
 
 
-def test_metadata_that_only_one_reader_takes_are_damaged(bag, tmp_path) -> None:
+def test_metadata_that_only_the_bag_library_accepts_is_damaged(bag, tmp_path) -> None:
     # Found by fuzzing: the bag library's YAML is more lenient than ours.
     shutil.copytree(bag, tmp_path / 'odd')
     file = tmp_path / 'odd' / 'metadata.yaml'

@@ -70,19 +70,19 @@ def test_a_ring_buffer_keeps_the_last_seconds_and_the_latched_messages(bag, tmp_
 
 def test_a_ring_buffer_forgets_by_arrival_whatever_the_stamps_say() -> None:
     ring = RingBuffer(2.0)
-    # Before the first /clock, diagnostics carry the wall's time: they must not stay, and must not drop the others.
+    # Before the first /clock, diagnostics have wall-clock stamps: they must neither stay nor drop the others.
     for stamp_s in (1.8e9, 0.0, 1.0, -5.0):
         ring.add(topics.DIAGNOSTICS, round(stamp_s * 1e9), b'wild', 10_000_000_000)
     for tick in range(100):
         ring.add(topics.IMU, tick, b'x' * 100, 10_000_000_000 + tick * 100_000_000)
     assert [held.stamp_ns for held in ring.held] == list(range(79, 100))
     assert ring.size == 2100
-    # A simulation that starts over.
+    # The simulation starts again.
     ring.add(topics.IMU, 5, b'y', 5)
     assert [held.stamp_ns for held in ring.held] == [5]
 
 
-def test_latched_messages_and_those_of_another_clock_do_not_stretch_a_bag(tmp_path) -> None:
+def test_latched_messages_and_stamps_of_another_clock_do_not_lengthen_a_bag(tmp_path) -> None:
     second = 1_000_000_000
     recording = Recording(tmp_path / 'bag', {}, split_s=60.0)
     recording.write(*raw_message(topics.ROUTE, 1))
@@ -137,7 +137,7 @@ def test_a_latched_message_at_a_split_is_written_once(tmp_path) -> None:
     assert [bag_info(bag)['messages'] for bag in recording.close()] == [1, 1]
 
 
-def test_a_ring_of_its_own_diagnostics_holds_nothing_worth_a_snapshot(tmp_path) -> None:
+def test_a_ring_with_only_its_own_diagnostics_saves_no_snapshot(tmp_path) -> None:
     ring = RingBuffer(5.0)
     ring.add(*raw_message(topics.DIAGNOSTICS, 1), 1)
     assert ring.save(tmp_path / 'shot', {}) == 0

@@ -1,4 +1,4 @@
-"""Recordings that were killed or damaged: what is saved, and that nothing is overwritten."""
+"""Recordings that were killed or damaged: what is recovered, and that nothing is overwritten."""
 
 import os
 import random
@@ -24,7 +24,7 @@ from raw2drive_ros.recording.recover import recover
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# Writes numbered odometry for ever, prints each number once it is written, and flushes ten times a second.
+# Writes numbered odometry without end, prints each number once it is written, and flushes ten times a second.
 WRITER = """
 import sys, time
 from pathlib import Path
@@ -130,7 +130,7 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_saved(bag, tmp_path) -> None:
     assert 0 < sum(found.counts.values()) < bag_info(bag)['messages']
 
 
-def test_nothing_to_recover_is_said_and_leaves_nothing(tmp_path) -> None:
+def test_nothing_to_recover_is_an_error_and_leaves_nothing(tmp_path) -> None:
     (tmp_path / 'noise.mcap').write_bytes(bytes(range(256)) * 10)
     with pytest.raises(BagError, match='not a single message'):
         recover(tmp_path / 'noise.mcap', tmp_path / 'saved')
