@@ -44,10 +44,10 @@ import torch
 
 from benchmarks.sheeprl_steps import gflop, parameter_count, timed
 from benchmarks.training_step import random_batch
-from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.training.config import RunConfig
 from raw2drive_ros.training.privileged import PrivilegedTrainer
-from raw2drive_ros.vector_layout import EGO_SIZE
 
 EXAMPLES = """examples:
   python -m benchmarks.against_sheeprl --sheeprl-python /path/to/venv/bin/python

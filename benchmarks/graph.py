@@ -12,15 +12,15 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.driving.bundle import save_bundle
 from raw2drive_ros.graph.drive import GraphJob, drive_graph
 from raw2drive_ros.graph.processes import reserve_domain
 from raw2drive_ros.settings import default_bundle
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.tables.vector_layout import EGO_SIZE, VECTOR_SIZE
 from raw2drive_ros.training.config import make_config
-from raw2drive_ros.vector_layout import EGO_SIZE, VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.streams import RawWorldModel
 

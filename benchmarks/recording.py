@@ -14,7 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.graph.processes import reserve_domain, running_graph
 
 PUBLISHER = """

@@ -115,7 +115,8 @@ def build(sizes: dict[str, Any]) -> tuple[Step, dict[str, int]]:
     algo = config.algo
     timer.disabled = MetricAggregator.disabled = True
     torch.set_float32_matmul_precision(config.float32_matmul_precision)
-    torch.distributions.Distribution.set_default_validate_args(config.distribution.validate_args)
+    # sheeprl samples with it; its own configuration decides here.
+    torch.distributions.Distribution.set_default_validate_args(config.distribution.validate_args)  # noqa: TID251
     fabric = hydra.utils.instantiate(config.fabric, _convert_='all')
     torch.manual_seed(config.seed)
     image = (sizes['channels'], sizes['side'], sizes['side'])

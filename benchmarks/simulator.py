@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.layout import RoadLayout, Straight
 from raw2drive_ros.simulation.renderer import CameraRenderer

@@ -27,13 +27,13 @@ os.environ.setdefault('GOMP_SPINCOUNT', '30000')
 
 import torch
 
-from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.training import losses
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.recipe import load_recipe
 from raw2drive_ros.training.replay import Batch
-from raw2drive_ros.vector_layout import EGO_SIZE
 from raw2drive_ros.world_model import rssm as rssm_module
 from raw2drive_ros.world_model.rssm import Rssm
 

@@ -11,7 +11,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.faults.plan import load_plans, remapping
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from msg_adapters.factory import MessageFactory
 from msg_adapters.named_values import named_values_from_message, named_values_to_message
 from msg_adapters.stamps import stamp_ns
-from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.contracts.public import Control, Decision
 
 ACTUATORS = ('throttle', 'brake', 'steer', 'reverse')
 

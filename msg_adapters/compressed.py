@@ -10,8 +10,8 @@ import numpy as np
 from msg_adapters.factory import MessageFactory, fill_bytes
 from msg_adapters.sensors import optical_frame
 from msg_adapters.stamps import set_stamp
-from raw2drive_ros.contract import Image8
-from raw2drive_ros.errors import ContractError
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Image8
 
 JPEG_QUALITY = 95
 _JPEG = (int(cv2.IMWRITE_JPEG_QUALITY), JPEG_QUALITY)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 
 # Below this the car stands, and the sign of its measured speed is noise.
 STANDING_MPS = 0.1

@@ -9,7 +9,7 @@ import numpy as np
 
 from msg_adapters.factory import MessageFactory
 from msg_adapters.stamps import set_stamp
-from raw2drive_ros.errors import ContractError
+from raw2drive_ros.contracts.errors import ContractError
 
 
 def named_values_to_message(factory: MessageFactory, values: dict[str, float], time_ns: int, frame_id: str = '') -> Any:

@@ -12,10 +12,10 @@ from msg_adapters.factory import MessageFactory, fill_bytes
 from msg_adapters.named_values import named_values_from_message, named_values_to_message
 from msg_adapters.sensors import BASE_FRAME
 from msg_adapters.stamps import set_stamp, stamp_ns
-from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.errors import ContractError
-from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
-from raw2drive_ros.vector_layout import EGO_FIELDS
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
+from raw2drive_ros.tables.vector_layout import EGO_FIELDS
 
 _FORMAT = re.compile(r'bev_bits; shape=(\d+)x(\d+)x(\d+); packing=channel_major_msb_first')
 _TERM_PREFIX = 'reward/'

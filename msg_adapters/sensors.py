@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from msg_adapters.factory import MessageFactory, fill_bytes
 from msg_adapters.stamps import set_stamp, stamp_ns
-from raw2drive_ros.contract import CameraCalibration, Float64, Image8, ImuSample, OdometrySample, Route
-from raw2drive_ros.errors import ContractError
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import CameraCalibration, Float64, Image8, ImuSample, OdometrySample, Route
 
 MAP_FRAME = 'map'
 BASE_FRAME = 'base_link'

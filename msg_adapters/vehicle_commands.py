@@ -13,7 +13,7 @@ from msg_adapters.factory import MessageFactory
 from msg_adapters.motion import Motion
 from msg_adapters.sensors import BASE_FRAME
 from msg_adapters.stamps import set_stamp
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 
 Make = Callable[[MessageFactory, Control, Motion, int], Any]
 

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from raw2drive_ros.errors import UserError
+from raw2drive_ros.contracts.errors import UserError
 
 if TYPE_CHECKING:
     from torch import Tensor

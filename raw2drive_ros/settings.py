@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.contracts.errors import ConfigError
 
 
 class Strict(BaseModel):

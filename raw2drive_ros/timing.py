@@ -1,4 +1,4 @@
-"""`params/timing.yaml`, validated: ages, deadlines and the gate's rate. Rates that cannot be changed: `rates.py`."""
+"""`params/timing.yaml`, validated: ages, deadlines, the gate's rate. Rates that are fixed: `tables/rates.py`."""
 
 from __future__ import annotations
 

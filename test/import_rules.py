@@ -9,7 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 NAME = 'raw2drive_ros'
-# From the top floor down. Rooms of one floor do not know each other. The last two floors are single files.
+# From the top floor down. Rooms of one floor do not know each other. Four are single files.
 FLOORS: tuple[tuple[str, ...], ...] = (
     ('benchmarks', 'examples', 'launch'),
     (f'{NAME}.cli',),
@@ -21,9 +21,10 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     (f'{NAME}.faults', f'{NAME}.driving'),
     (f'{NAME}.simulation', f'{NAME}.world_model'),
     ('msg_adapters',),
-    tuple(f'{NAME}.{n}' for n in ('actions', 'artifact', 'bev_colours', 'privileged_contract', 'timing', 'topics')),
-    tuple(f'{NAME}.{n}' for n in ('bev_channels', 'contract', 'progress', 'settings', 'vector_layout')),
-    (f'{NAME}.errors', f'{NAME}.rates', NAME),
+    (f'{NAME}.artifact', f'{NAME}.timing'),
+    (f'{NAME}.progress', f'{NAME}.settings'),
+    (f'{NAME}.contracts',),
+    (f'{NAME}.tables', NAME),
 )
 ROOMS = tuple(room for floor in FLOORS for room in floor)
 FLOOR_OF = {room: number for number, floor in enumerate(FLOORS) for room in floor}

@@ -18,7 +18,7 @@ from raw2drive_ros.artifact import (
     whole_folder,
     write_whole,
 )
-from raw2drive_ros.errors import BundleError
+from raw2drive_ros.contracts.errors import BundleError
 
 
 def names(folder) -> list[str]:

@@ -17,12 +17,19 @@ from msg_adapters.sensors import (
     route_from_message,
     transform_from_message,
 )
-from raw2drive_ros import topics
-from raw2drive_ros.contract import OdometrySample
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import (
+    BagError,
+    BundleError,
+    ConfigError,
+    ContractError,
+    RouteIdError,
+    UnknownWeatherError,
+)
+from raw2drive_ros.contracts.public import OdometrySample
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.driving.monitor_config import load_monitor_config
-from raw2drive_ros.errors import BagError, BundleError, ConfigError, ContractError, RouteIdError, UnknownWeatherError
 from raw2drive_ros.faults.plan import load_plans
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_info import bag_info

@@ -15,7 +15,7 @@ PEM = '-----BEGIN {}PRIVATE' + ' KEY{}-----\nMIIE\n'
 
 
 def check(name: str, *files: Path) -> subprocess.CompletedProcess:
-    command = [sys.executable, 'tools/pre_commit_checks.py', name, *map(str, files)]
+    command = [sys.executable, '.ci/pre_commit_checks.py', name, *map(str, files)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30)
 
 
@@ -112,5 +112,5 @@ def test_every_hook_is_local_and_calls_a_check_that_exists() -> None:
     assert {repo['repo'] for repo in config['repos']} == {'local'}
     hooks = [hook for repo in config['repos'] for hook in repo['hooks']]
     assert {hook['language'] for hook in hooks} == {'system'}
-    called = {hook['entry'].split()[-1] for hook in hooks if 'tools/pre_commit_checks.py' in hook['entry']}
+    called = {hook['entry'].split()[-1] for hook in hooks if '.ci/pre_commit_checks.py' in hook['entry']}
     assert called == {'large-files', 'private-keys', 'package-xml'}

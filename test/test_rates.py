@@ -1,4 +1,4 @@
-"""The rates of decisions, physics, route and diagnostics are numbers in `rates.py`, and nowhere else."""
+"""The rates of decisions, physics, route and diagnostics are numbers in `tables/rates.py`, and nowhere else."""
 
 import ast
 import re
@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from raw2drive_ros import rates
-from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.contracts.errors import ConfigError
 from raw2drive_ros.settings import params_folder
+from raw2drive_ros.tables import rates
 from raw2drive_ros.timing import load_timing
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -79,7 +79,7 @@ def test_no_file_has_a_copy_of_a_rate() -> None:
     files = [path for folder in FOLDERS for path in (ROOT / folder).rglob('*.py')]
     found = {str(p.relative_to(ROOT)): set(numeric_rates(p.read_text())) - OTHER_RATES for p in files}
     assert {path: names for path, names in found.items() if names} == {
-        'raw2drive_ros/rates.py': {'DECISION_HZ', 'PHYSICS_HZ', 'ROUTE_HZ', 'DIAGNOSTICS_HZ'}
+        'raw2drive_ros/tables/rates.py': {'DECISION_HZ', 'PHYSICS_HZ', 'ROUTE_HZ', 'DIAGNOSTICS_HZ'}
     }
 
 

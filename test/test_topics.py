@@ -2,8 +2,8 @@
 
 from collections import Counter
 
-from raw2drive_ros import topics
-from raw2drive_ros.topics import Publisher, published_by
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.topics import Publisher, published_by
 
 
 def test_every_topic_is_once_in_the_table_and_has_one_publisher() -> None:

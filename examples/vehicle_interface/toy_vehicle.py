@@ -34,13 +34,13 @@ from msg_adapters.sensors import (
     route_to_message,
     transform_to_message,
 )
-from raw2drive_ros import topics
-from raw2drive_ros.contract import CameraCalibration, Control, ImuSample, OdometrySample, Route
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import CameraCalibration, Control, ImuSample, OdometrySample, Route
 from raw2drive_ros.driving.command_policy import CommandPolicy
-from raw2drive_ros.errors import ContractError
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
-from raw2drive_ros.rates import PHYSICS_HZ, ROUTE_HZ, SUBSTEPS
+from raw2drive_ros.tables.rates import PHYSICS_HZ, ROUTE_HZ, SUBSTEPS
 from raw2drive_ros.timing import load_timing
 
 PIXELS_PER_M, GRAVITY_MPS2 = 8, 9.81

@@ -19,9 +19,9 @@ from raw2drive_ros.carla_vehicle.geometry import (
     odometry_from_carla,
 )
 from raw2drive_ros.carla_vehicle.route import follow_lanes
-from raw2drive_ros.contract import CameraCalibration, Control, ImuSample, OdometrySample, Route, SensorFrame
-from raw2drive_ros.errors import CarlaError
-from raw2drive_ros.rates import PHYSICS_HZ, SUBSTEPS
+from raw2drive_ros.contracts.errors import CarlaError
+from raw2drive_ros.contracts.public import CameraCalibration, Control, ImuSample, OdometrySample, Route, SensorFrame
+from raw2drive_ros.tables.rates import PHYSICS_HZ, SUBSTEPS
 
 ROUTE_SPACING_M = 30.0
 

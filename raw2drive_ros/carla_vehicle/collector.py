@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from raw2drive_ros.errors import SensorTimeoutError
+from raw2drive_ros.contracts.errors import SensorTimeoutError
 
 
 class FrameCollector:

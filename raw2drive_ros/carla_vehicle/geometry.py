@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from raw2drive_ros.contract import Control, Float64, Image8, ImuSample, OdometrySample
-from raw2drive_ros.errors import ContractError
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Control, Float64, Image8, ImuSample, OdometrySample
 
 # Reflection of y. A pose in one system is MIRROR @ pose @ MIRROR in the other.
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from raw2drive_ros.carla_vehicle.geometry import pose_from_carla
-from raw2drive_ros.contract import Float64
-from raw2drive_ros.errors import ContractError
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Float64
 
 
 def follow_lanes(waypoint: Any, length_m: float, spacing_m: float, rng: np.random.Generator) -> Float64:

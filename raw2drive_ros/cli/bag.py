@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 
 EXAMPLES = """examples:
   raw2drive bag info runs/demo/bag
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
 
     if options.action != 'merge' and len(options.bags) != 1:
         raise UsageError(f'bag {options.action} takes one bag')

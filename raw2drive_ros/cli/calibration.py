@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     import torch
 
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.progress import bar
     from raw2drive_ros.recording.bag_reader import find_bags
     from raw2drive_ros.report.calibration import CalibrationProbe, Traces, joined, numbers

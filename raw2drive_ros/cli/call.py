@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
     import tempfile
     from pathlib import Path
 
-    from raw2drive_ros.errors import GraphError, UsageError
+    from raw2drive_ros.contracts.errors import GraphError, UsageError
     from raw2drive_ros.graph.processes import running_graph
 
     if options.service and not options.service.startswith('/'):

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.graph.foreground import run_single
 
     if not (options.route_m > 0 and options.timeout > 0):

@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.contracts.errors import GraphError, UsageError
     from raw2drive_ros.driving.bundle import load_bundle
-    from raw2drive_ros.errors import GraphError, UsageError
     from raw2drive_ros.graph.processes import running_graph
     from raw2drive_ros.settings import default_bundle
 

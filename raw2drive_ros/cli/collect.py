@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     import cv2
     import torch
 
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.drivers import make_driver
     from raw2drive_ros.evaluation.routes import weighted_types

@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _faults(options: argparse.Namespace) -> tuple[str, str] | None:
     """Raises ConfigError or UsageError before any process starts."""
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.faults.plan import load_plans
 
     if options.fault is None:

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.report.dream import dream, save_dream, ticks_around
     from raw2drive_ros.settings import default_teacher
     from raw2drive_ros.world_model.teacher import load_teacher

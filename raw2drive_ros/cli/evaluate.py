@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> None:
     """Raises UsageError for options that do not go together."""
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
 
     if options.workers < 1:
         raise UsageError('--workers: give 1 or more')
@@ -112,7 +112,7 @@ def _check(options: argparse.Namespace) -> None:
 def _run_faults(options: argparse.Namespace) -> int:
     """The old spelling of `raw2drive evaluate faults`."""
     from raw2drive_ros.cli import evaluate_faults
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
 
     warn_old('evaluate --faults PLANS', 'raw2drive evaluate faults --plans PLANS')
     if options.driver != 'raw' or options.graph or options.blind:

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.evaluation.fault_matrix import FaultMatrix
     from raw2drive_ros.progress import bar
     from raw2drive_ros.settings import default_bundle

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from types import FrameType
 
-from raw2drive_ros.errors import UserError
+from raw2drive_ros.contracts.errors import UserError
 
 
 class Terminated(BaseException):

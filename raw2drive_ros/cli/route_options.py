@@ -25,7 +25,7 @@ def chosen_routes(options: argparse.Namespace) -> tuple[str, str, list[RouteId]]
     """(suite, version, routes). Raises UsageError, UnknownSuiteError, UnknownScenarioError, UnknownWeatherError."""
     from dataclasses import replace
 
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.evaluation.routes import SUITE_VERSION, routes_of
     from raw2drive_ros.evaluation.suites import load_suite
     from raw2drive_ros.simulation.scenario import load_scenarios

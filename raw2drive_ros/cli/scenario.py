@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.simulation.scenario import get_scenario
 
     if options.action == 'list':
@@ -91,7 +91,7 @@ def _reward(options: argparse.Namespace) -> int:
 def _show(options: argparse.Namespace) -> int:
     import cv2
 
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.evaluation.driver_spec import DriverSpec
     from raw2drive_ros.report.scene import SECONDS, outcome_of, save_film, save_picture
     from raw2drive_ros.settings import default_bundle

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.simulation.camera_rig import SIZES
     from raw2drive_ros.simulation.scenario import get_scenario
     from raw2drive_ros.simulation.weather import get_weather

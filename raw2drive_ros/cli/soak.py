@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.evaluation.soak import drop_half_line, read_samples, totals
     from raw2drive_ros.graph.soak import SoakPlan, soak
     from raw2drive_ros.progress import bar

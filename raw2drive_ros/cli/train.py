@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _overrides(pairs: list[str]) -> dict[str, Any]:
     import yaml
 
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
 
     found = {}
     for pair in pairs:
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     # tens of microseconds and then sleep.
     os.environ.setdefault('OMP_WAIT_POLICY', 'PASSIVE')
     os.environ.setdefault('GOMP_SPINCOUNT', '30000')
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.progress import bar
     from raw2drive_ros.training.parallel import ranks_of_torchrun
     from raw2drive_ros.training.run import train
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run_recipe(options: argparse.Namespace) -> int:
-    from raw2drive_ros.errors import UsageError
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.evaluation.recipe_rounds import run_recipe
     from raw2drive_ros.training.recipe import load_recipe
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from raw2drive_ros.conformance.observation import Trial, Verdict
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.timing import load_timing
 
 BRAKE = Control(0.0, 0.6, 0.0)

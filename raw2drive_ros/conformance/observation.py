@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from raw2drive_ros.contract import CameraCalibration, Control, Image8, ImuSample, OdometrySample, Route
+from raw2drive_ros.contracts.public import CameraCalibration, Control, Image8, ImuSample, OdometrySample, Route
 
 Severity = Literal['error', 'warning', 'passed', 'skipped']
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from msg_adapters.sensors import BASE_FRAME, IMU_FRAME, MAP_FRAME, optical_frame
-from raw2drive_ros import topics
 from raw2drive_ros.conformance.observation import Observation, TopicSeen, Verdict
-from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.timing import load_timing
 
 GRAVITY_MPS2 = 9.81

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from raw2drive_ros.actions import ACTION_COUNT, ACTIONS, nearest_action
-from raw2drive_ros.contract import Control, Decision, Route, SensorFrame
+from raw2drive_ros.contracts.actions import ACTION_COUNT, ACTIONS, nearest_action
+from raw2drive_ros.contracts.public import Control, Decision, Route, SensorFrame
 
 
 class RandomDriver:

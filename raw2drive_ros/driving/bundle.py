@@ -16,7 +16,6 @@ import numpy as np
 from safetensors import SafetensorError
 
 from raw2drive_ros import __version__
-from raw2drive_ros.actions import ACTION_COUNT, table_hash
 from raw2drive_ros.artifact import (
     CARD,
     check_manifest,
@@ -27,10 +26,11 @@ from raw2drive_ros.artifact import (
     short_hash,
     whole_folder,
 )
-from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.contracts.actions import ACTION_COUNT, table_hash
+from raw2drive_ros.contracts.errors import BundleError, ContractError
+from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.driving.preprocessing import REACHED_AHEAD_M
-from raw2drive_ros.errors import BundleError, ContractError
-from raw2drive_ros.vector_layout import CHECKPOINT_SCALE_M, EGO_SIZE, VECTOR_FIELDS, VECTOR_SIZE
+from raw2drive_ros.tables.vector_layout import CHECKPOINT_SCALE_M, EGO_SIZE, VECTOR_FIELDS, VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.streams import RawWorldModel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 
 
 @dataclass(slots=True)

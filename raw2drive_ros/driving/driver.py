@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from raw2drive_ros.contract import Decision, Route, SensorFrame
+from raw2drive_ros.contracts.public import Decision, Route, SensorFrame
 
 
 class Driver(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from raw2drive_ros.contract import Image8, ImuSample, OdometrySample, SensorFrame
+from raw2drive_ros.contracts.public import Image8, ImuSample, OdometrySample, SensorFrame
 
 PENDING_LIMIT = 4
 

@@ -10,10 +10,10 @@ import enum
 import math
 from dataclasses import dataclass, field
 
-from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.driving.gate_limits import MotionLimits, limited
 from raw2drive_ros.driving.gate_monitors import Oscillation, Saturation
-from raw2drive_ros.errors import ContractError
 
 
 class GateState(enum.Enum):

@@ -8,9 +8,9 @@ from typing import Annotated
 
 from pydantic import Field
 
+from raw2drive_ros.contracts.errors import ConfigError
 from raw2drive_ros.driving.gate import GateLimits
 from raw2drive_ros.driving.gate_limits import MotionLimits
-from raw2drive_ros.errors import ConfigError
 from raw2drive_ros.settings import Strict, load_strict, params_folder
 from raw2drive_ros.timing import Timing
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from msg_adapters.commands import decision_from_message
 from msg_adapters.sensors import odometry_from_message
-from raw2drive_ros.contract import Decision
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.driving.gate import Gate, Moment
-from raw2drive_ros.errors import ContractError
 
 
 def proposal(gate: Gate, message: Any, now: Moment) -> Decision:

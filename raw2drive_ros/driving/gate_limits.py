@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,11 @@ import sys
 from collections.abc import Sequence
 from types import ModuleType
 
-from raw2drive_ros.errors import PrivilegedImportError
+from raw2drive_ros.contracts.errors import PrivilegedImportError
 
 FORBIDDEN = (
     'msg_adapters.privileged',
-    'raw2drive_ros.privileged_contract',
+    'raw2drive_ros.contracts.privileged',
     'raw2drive_ros.simulation',
     'raw2drive_ros.training',
     'raw2drive_ros.evaluation',

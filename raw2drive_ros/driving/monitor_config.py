@@ -7,8 +7,8 @@ from pathlib import Path
 from pydantic import Field
 
 from raw2drive_ros.driving.sensor_monitor import MonitorLimits
-from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.settings import Strict, load_strict, params_folder
+from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.timing import Timing
 
 

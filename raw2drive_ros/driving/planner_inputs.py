@@ -16,10 +16,10 @@ from msg_adapters.sensors import (
     route_from_message,
 )
 from msg_adapters.stamps import stamp_ns
-from raw2drive_ros import topics
-from raw2drive_ros.contract import Decision
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.driving.raw_planner import RawPlanner
-from raw2drive_ros.errors import ContractError
 
 Handler = Callable[[Any, int], Decision | None]
 

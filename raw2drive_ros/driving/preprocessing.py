@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.contract import ImuSample, OdometrySample, Route
-from raw2drive_ros.vector_layout import CHECKPOINT_SCALE_M, CHECKPOINTS_AHEAD
+from raw2drive_ros.contracts.public import ImuSample, OdometrySample, Route
+from raw2drive_ros.tables.vector_layout import CHECKPOINT_SCALE_M, CHECKPOINTS_AHEAD
 
 REACHED_AHEAD_M = 4.0
 

@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from raw2drive_ros.actions import ACTIONS
-from raw2drive_ros.contract import Decision, Route, SensorFrame
+from raw2drive_ros.contracts.actions import ACTIONS
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Decision, Route, SensorFrame
 from raw2drive_ros.driving.bundle import Bundle
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
-from raw2drive_ros.errors import ContractError
 from raw2drive_ros.world_model.agent import AgentState, Observation, RecurrentAgent
 
 FORGET_AFTER_S = 1.0

@@ -6,13 +6,21 @@ from collections import deque
 
 import numpy as np
 
-from raw2drive_ros import topics
-from raw2drive_ros.contract import CameraCalibration, Decision, Image8, ImuSample, OdometrySample, Route, SensorFrame
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BundleError, ContractError
+from raw2drive_ros.contracts.public import (
+    CameraCalibration,
+    Decision,
+    Image8,
+    ImuSample,
+    OdometrySample,
+    Route,
+    SensorFrame,
+)
 from raw2drive_ros.driving.bundle import Bundle, check_rig
 from raw2drive_ros.driving.frame_assembler import FrameAssembler
 from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.driving.sensor_monitor import Finding, Health, MonitorLimits, SensorMonitor
-from raw2drive_ros.errors import BundleError, ContractError
 
 NO_ROUTE = f'no route yet: who publishes {topics.ROUTE}?'
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from raw2drive_ros.contract import Image8, ImuSample, SensorFrame
-from raw2drive_ros.rates import DECISION_HZ
+from raw2drive_ros.contracts.public import Image8, ImuSample, SensorFrame
+from raw2drive_ros.tables.rates import DECISION_HZ
 
 # Images are subsampled by this factor in both directions: 24 x 40 pixels of 96 x 160.
 STRIDE = 4

@@ -11,7 +11,7 @@ import numpy as np
 from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import advice_to_message
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.evaluation.episode import as_received
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.tick_messages import TickMessages

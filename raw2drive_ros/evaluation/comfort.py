@@ -12,8 +12,8 @@ from functools import cache
 
 import numpy as np
 
-from raw2drive_ros.contract import Float64
-from raw2drive_ros.rates import PHYSICS_HZ
+from raw2drive_ros.contracts.public import Float64
+from raw2drive_ros.tables.rates import PHYSICS_HZ
 
 SEGMENT = 20
 WINDOW, ORDER = 7, 2

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from raw2drive_ros.errors import UnknownDriverError
+from raw2drive_ros.contracts.errors import UnknownDriverError
 from raw2drive_ros.settings import default_teacher
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 
 from msg_adapters.factory import MessageFactory, RosbagsFactory
 from msg_adapters.sensors import odometry_from_message, odometry_to_message
-from raw2drive_ros.contract import Control, Decision, SensorFrame
+from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
 from raw2drive_ros.driving.gate import Gate, Moment
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.evaluation.comfort import comfort_percent

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from raw2drive_ros.contract import Decision, SensorFrame
+from raw2drive_ros.contracts.public import Decision, SensorFrame
 from raw2drive_ros.driving.baselines import RandomDriver
 from raw2drive_ros.driving.driver import Driver
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from raw2drive_ros.contract import Decision
+from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.evaluation.following import (
     SIGHT_M,
     idm_acceleration,
@@ -22,11 +22,11 @@ from raw2drive_ros.evaluation.following import (
     stop_line_m,
     stopping,
 )
-from raw2drive_ros.rates import DECISION_HZ, SUBSTEPS
 from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
 from raw2drive_ros.simulation.criteria import LANE_TOLERANCE_M, route_deviation_m
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.rates import DECISION_HZ, SUBSTEPS
 
 REPLAN_TICKS = 4
 HORIZON_S = 9.0

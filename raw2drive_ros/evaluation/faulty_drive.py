@@ -15,22 +15,22 @@ from typing import Any
 
 from msg_adapters.commands import decision_from_message, decision_to_message
 from msg_adapters.factory import RosbagsFactory
-from raw2drive_ros import topics
-from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.driving import gate_inputs
 from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.driving.gate import STOPS, Gate, Moment
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.driving.planner_inputs import PlannerInputs
 from raw2drive_ros.driving.raw_planner import RawPlanner
-from raw2drive_ros.errors import ContractError
 from raw2drive_ros.evaluation.episode import result_of
 from raw2drive_ros.evaluation.metrics import RouteResult
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.faults.injector import Injector
-from raw2drive_ros.rates import ROUTE_EVERY_TICKS
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.tables.rates import ROUTE_EVERY_TICKS
 from raw2drive_ros.timing import load_timing
 
 OnTick = Callable[[Tick, Gate], None]

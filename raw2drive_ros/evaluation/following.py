@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from raw2drive_ros.contract import Control, Float64
+from raw2drive_ros.contracts.public import Control, Float64
 from raw2drive_ros.simulation.leaders import first_on_path
 from raw2drive_ros.simulation.path import SPACING_M
 from raw2drive_ros.simulation.world import World

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from raw2drive_ros.actions import ACTION_COUNT, ACTIONS
-from raw2drive_ros.contract import Decision, SensorFrame
+from raw2drive_ros.contracts.actions import ACTION_COUNT, ACTIONS
+from raw2drive_ros.contracts.public import Decision, SensorFrame
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.world_model.agent import Observation, RecurrentAgent
 from raw2drive_ros.world_model.distributions import sample_classes

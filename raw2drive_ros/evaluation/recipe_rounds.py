@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from raw2drive_ros.artifact import restore_folder, whole_folder
-from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.contracts.errors import CheckpointError
 from raw2drive_ros.evaluation.results import read_results
 from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.progress import bar

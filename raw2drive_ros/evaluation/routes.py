@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.errors import UnknownScenarioError
+from raw2drive_ros.contracts.errors import UnknownScenarioError
 from raw2drive_ros.simulation.route_id import NUMBER, RouteId
 from raw2drive_ros.simulation.scenario import load_scenarios
 from raw2drive_ros.simulation.weather import CLEAR, get_weather

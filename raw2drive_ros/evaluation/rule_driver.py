@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from raw2drive_ros.actions import ACTION_COUNT, ACTIONS
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.actions import ACTION_COUNT, ACTIONS
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.evaluation.following import (
     SIGHT_M,
     idm_acceleration,

@@ -6,12 +6,12 @@ import math
 
 from highway_env.vehicle.behavior import IDMVehicle
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.evaluation.following import leader, pedals, pursuit_steer, route_window
-from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.simulation.actors import PathVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.rates import DECISION_HZ
 
 CONSTANT_SPEED_MPS = 6.0
 MERGE_RATE_MPS = 1.2

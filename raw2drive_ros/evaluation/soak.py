@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from raw2drive_ros.errors import SoakError
+from raw2drive_ros.contracts.errors import SoakError
 
 # Memory grows while every scenario type is driven for the first time; after this much simulated time it may not.
 WARM_UP_H = 1.0

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from raw2drive_ros.errors import ResultsError
+from raw2drive_ros.contracts.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import ABILITIES, RouteResult, bootstrap
 from raw2drive_ros.evaluation.results import OPTIONAL, Results, Row, id_of
 from raw2drive_ros.simulation.route_id import RouteId

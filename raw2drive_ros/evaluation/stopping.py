@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.driving.monitor_config import load_monitor_config
@@ -13,9 +13,9 @@ from raw2drive_ros.driving.raw_planner import RawPlanner
 from raw2drive_ros.evaluation.faulty_drive import drive_with_faults
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import Fault
-from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
 
 DT_S = 0.001

@@ -13,16 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from raw2drive_ros.errors import UnfairScenarioError, UnknownScenarioError, UnknownSuiteError
+from raw2drive_ros.contracts.errors import UnfairScenarioError, UnknownScenarioError, UnknownSuiteError
 from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.expert import Plan, follow, hits
-from raw2drive_ros.rates import DECISION_HZ, SUBSTEPS
 from raw2drive_ros.settings import params_folder
 from raw2drive_ros.simulation.actors import StandingObject, boxes_overlap, corners_m
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios, rng_for
 from raw2drive_ros.simulation.weather import WEATHER_NAMES
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.rates import DECISION_HZ, SUBSTEPS
 
 VALIDATION_SEED_START = 50_000
 ROLLOUT_S = 20.0

@@ -11,8 +11,8 @@ import dataclasses
 
 import numpy as np
 
-from raw2drive_ros.actions import ACTIONS, BRAKE_ACTION
-from raw2drive_ros.contract import Control, Decision, SensorFrame
+from raw2drive_ros.contracts.actions import ACTIONS, BRAKE_ACTION
+from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.expert import REPLAN_TICKS
 from raw2drive_ros.evaluation.world_drivers import expert_driver

@@ -22,8 +22,8 @@ from msg_adapters.sensors import (
     route_to_message,
     transform_to_message,
 )
-from raw2drive_ros import topics
-from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.simulation.ego import IMU_X_M
 from raw2drive_ros.simulation.environment import Tick
 

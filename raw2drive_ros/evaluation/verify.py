@@ -8,11 +8,11 @@ from typing import Any
 
 from msg_adapters.commands import decision_from_message
 from msg_adapters.factory import RosbagsFactory
-from raw2drive_ros import topics
-from raw2drive_ros.contract import Control, SensorFrame
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError
+from raw2drive_ros.contracts.public import Control, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.raw_driver import RawDriver
-from raw2drive_ros.errors import BagError
 from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag, read_ticks
 
 FIELDS = ('throttle', 'brake', 'steer', 'reverse')

@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from raw2drive_ros.actions import nearest_action
-from raw2drive_ros.contract import Control, Decision, SensorFrame
+from raw2drive_ros.contracts.actions import nearest_action
+from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
 from raw2drive_ros.evaluation.expert import ExpertDriver
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
 from raw2drive_ros.evaluation.simple_drivers import IdmMobilDriver, constant_speed
-from raw2drive_ros.rates import SUBSTEPS
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.rates import SUBSTEPS
 
 # Share of the episodes of a rule driver with noise that have bursts of random actions.
 NOISY_EPISODES = 0.75

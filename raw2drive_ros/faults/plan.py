@@ -9,8 +9,8 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from raw2drive_ros import topics
-from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import ConfigError
 from raw2drive_ros.settings import Strict, load_strict, params_folder
 
 Kind = Literal[

@@ -85,7 +85,7 @@ def _shared_memory(problems: list[str]) -> int | None:
 
 def _timing() -> dict[str, float]:
     """Rates and times of the contract, and the longest time from a dead planner to each kind of stop that follows."""
-    from raw2drive_ros.rates import DECISION_HZ, PHYSICS_HZ
+    from raw2drive_ros.tables.rates import DECISION_HZ, PHYSICS_HZ
     from raw2drive_ros.timing import load_timing
 
     timing = load_timing()
@@ -102,9 +102,9 @@ def _latency(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None:
     """Percentiles of the time from images to command over 100 ticks, the first five of which do not count."""
     import numpy as np
 
+    from raw2drive_ros.contracts.errors import BundleError
     from raw2drive_ros.driving.bundle import load_bundle
     from raw2drive_ros.driving.raw_driver import RawDriver
-    from raw2drive_ros.errors import BundleError
     from raw2drive_ros.evaluation.episode import drive_route
     from raw2drive_ros.evaluation.episode_driver import SensorDriver
     from raw2drive_ros.settings import default_bundle
@@ -126,10 +126,10 @@ def _stopping(bundle: Path | None, problems: list[str]) -> dict[str, Any] | None
     """From a dead planner to a standing car: as the contract computes it at the measured speed, and as measured."""
     from dataclasses import asdict
 
-    from raw2drive_ros.errors import BundleError
+    from raw2drive_ros.contracts.errors import BundleError
     from raw2drive_ros.evaluation.stopping import computed, measured
-    from raw2drive_ros.rates import DECISION_HZ
     from raw2drive_ros.settings import default_bundle
+    from raw2drive_ros.tables.rates import DECISION_HZ
 
     try:
         seen = measured(bundle or default_bundle())

@@ -75,7 +75,7 @@ def drive_graph(
 
 
 def _start(graph: Graph, job: GraphJob) -> None:
-    from raw2drive_ros import topics
+    from raw2drive_ros.contracts import topics
     from raw2drive_ros.faults.plan import load_plans, remapping
 
     out, routes = job.out, ','.join(map(str, job.routes))

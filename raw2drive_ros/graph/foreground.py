@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros.errors import GraphError
+from raw2drive_ros.contracts.errors import GraphError
 from raw2drive_ros.graph.processes import END_WITHIN_S, running_graph
 
 # Enough for a comfortable and then an emergency stop of the gate from 30 m/s, with the shipped brakes.

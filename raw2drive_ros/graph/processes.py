@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
-from raw2drive_ros.errors import DomainBusyError, GraphError
+from raw2drive_ros.contracts.errors import DomainBusyError, GraphError
 
 END_WITHIN_S = 1.5
 DOMAINS = range(50, 90)

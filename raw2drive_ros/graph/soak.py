@@ -19,7 +19,7 @@ from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.graph.drive import Tail
 from raw2drive_ros.graph.process_samples import folder_mib, process_values
 from raw2drive_ros.graph.processes import Graph, reserve_domain, running_graph
-from raw2drive_ros.rates import DECISION_HZ
+from raw2drive_ros.tables.rates import DECISION_HZ
 
 SNAPSHOT_S = 5.0
 KEPT_SNAPSHOTS = 3

@@ -21,9 +21,9 @@ from std_srvs.srv import SetBool, Trigger
 from msg_adapters.commands import decision_to_message
 from msg_adapters.diagnostics import OK, WARN
 from msg_adapters.factory import RclpyFactory
-from raw2drive_ros import topics
-from raw2drive_ros.contract import Decision
-from raw2drive_ros.errors import NodeError, UnknownScenarioError, UnknownWeatherError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import NodeError, UnknownScenarioError, UnknownWeatherError
+from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
@@ -35,11 +35,11 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import run_node
-from raw2drive_ros.rates import DECISION_HZ, DIAGNOSTICS_HZ, ROUTE_EVERY_TICKS
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
+from raw2drive_ros.tables.rates import DECISION_HZ, DIAGNOSTICS_HZ, ROUTE_EVERY_TICKS
 from raw2drive_ros.timing import load_timing
 
 # Nodes that subscribe to odometry and to no other sensor topic.

@@ -11,9 +11,9 @@ from rclpy.node import Node
 
 from msg_adapters.diagnostics import OK, WARN
 from msg_adapters.factory import RclpyFactory
-from raw2drive_ros import topics
 from raw2drive_ros.carla_vehicle.client import CarlaSettings, CarlaTick, CarlaVehicle
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.evaluation.tick_messages import IMU_X_M, TickMessages
 from raw2drive_ros.nodes.command_wait import CommandWait
@@ -21,8 +21,8 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
-from raw2drive_ros.rates import DIAGNOSTICS_HZ, ROUTE_EVERY_TICKS
 from raw2drive_ros.settings import default_bundle
+from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ, ROUTE_EVERY_TICKS
 
 DEFAULTS = CarlaSettings(imu_x_m=IMU_X_M)
 

@@ -18,15 +18,15 @@ from msg_adapters.factory import RclpyFactory
 from msg_adapters.motion import CarFigures, motion_of, standstill
 from msg_adapters.sensors import odometry_from_message
 from msg_adapters.vehicle_commands import ADAPTERS
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import ContractError, NodeError
 from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.driving.gate_config import load_gate_config
-from raw2drive_ros.errors import ContractError, NodeError
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
-from raw2drive_ros.rates import DIAGNOSTICS_HZ
+from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ
 from raw2drive_ros.timing import load_timing
 
 

@@ -10,12 +10,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from msg_adapters.commands import decision_from_message
-from raw2drive_ros import topics
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.driving.command_policy import CommandPolicy
-from raw2drive_ros.errors import ContractError
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription
-from raw2drive_ros.rates import DECISION_HZ
+from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
 
 RESEND_AFTER_S = 1.0

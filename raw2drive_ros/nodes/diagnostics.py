@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from msg_adapters.diagnostics import diagnostics_to_message
 from msg_adapters.factory import RclpyFactory
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.nodes.quality import make_publisher
 
 

@@ -13,15 +13,15 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from msg_adapters.diagnostics import OK, WARN
-from raw2drive_ros import topics
-from raw2drive_ros.errors import NodeError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import NodeError
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import behind_injector, load_plans, touched_topics
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class, profile_of
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
-from raw2drive_ros.rates import DIAGNOSTICS_HZ
+from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ
 
 DELIVER_HZ = 200.0
 

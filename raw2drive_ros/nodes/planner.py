@@ -23,19 +23,19 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from msg_adapters.commands import decision_to_message
 from msg_adapters.diagnostics import ERROR, OK, WARN
 from msg_adapters.factory import RclpyFactory
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BundleError, ConfigError, ContractError, NodeError
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.health_report import HealthReport
 from raw2drive_ros.driving.monitor_config import load_monitor_config
 from raw2drive_ros.driving.planner_inputs import PlannerInputs
 from raw2drive_ros.driving.raw_planner import RawPlanner
 from raw2drive_ros.driving.sensor_monitor import Health
-from raw2drive_ros.errors import BundleError, ConfigError, ContractError, NodeError
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, spin, steady_clock
-from raw2drive_ros.rates import DECISION_HZ, DIAGNOSTICS_HZ
+from raw2drive_ros.tables.rates import DECISION_HZ, DIAGNOSTICS_HZ
 from raw2drive_ros.timing import load_timing
 
 BACK_S = 0.5

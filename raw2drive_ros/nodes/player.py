@@ -13,8 +13,8 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from msg_adapters.factory import RclpyFactory
-from raw2drive_ros import topics
-from raw2drive_ros.errors import BagError, NodeError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError, NodeError
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import make_publisher
 from raw2drive_ros.nodes.runtime import run_node

@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.subscription import Subscription
 
 from msg_adapters.factory import RclpyFactory
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 
 _FACTORY = RclpyFactory()
 # Two tuples: events of publishers and subscriptions compare as integers, and their values overlap.

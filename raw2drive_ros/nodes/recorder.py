@@ -14,15 +14,15 @@ from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
 from msg_adapters.diagnostics import ERROR, OK, WARN, diagnostics_from_message
-from raw2drive_ros import topics
-from raw2drive_ros.errors import BagExistsError, DiskFullError, NodeError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagExistsError, DiskFullError, NodeError
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class
 from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_clock
-from raw2drive_ros.rates import DIAGNOSTICS_HZ
 from raw2drive_ros.recording.bag_reader import partial_folder
 from raw2drive_ros.recording.recorder import Recording, RingBuffer
+from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ
 
 DEPTH = 200
 DRAIN_QUIET_S = 0.1

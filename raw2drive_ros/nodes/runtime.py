@@ -15,7 +15,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from raw2drive_ros.errors import UserError
+from raw2drive_ros.contracts.errors import UserError
 from raw2drive_ros.nodes.transport import configure_transport, end_with_parent, warn
 
 

@@ -13,8 +13,8 @@ from std_srvs.srv import Trigger
 from msg_adapters.commands import decision_to_message
 from msg_adapters.diagnostics import ERROR, OK, WARN
 from msg_adapters.factory import RclpyFactory
-from raw2drive_ros import topics
-from raw2drive_ros.contract import Decision
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.driving import gate_inputs
 from raw2drive_ros.driving.gate import STOPS, Gate, GateState, Moment
 from raw2drive_ros.driving.gate_config import load_gate_config
@@ -22,7 +22,7 @@ from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_clock
-from raw2drive_ros.rates import DIAGNOSTICS_HZ
+from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ
 from raw2drive_ros.timing import load_timing
 
 STOP_AT_END_S = 8.0

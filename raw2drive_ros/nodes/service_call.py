@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
 
-from raw2drive_ros.errors import NodeError
+from raw2drive_ros.contracts.errors import NodeError
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.runtime import run_node
 

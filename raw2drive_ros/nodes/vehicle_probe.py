@@ -27,17 +27,17 @@ from msg_adapters.sensors import (
     route_from_message,
 )
 from msg_adapters.stamps import stamp_ns
-from raw2drive_ros import topics
 from raw2drive_ros.conformance.active import BRAKE, PROGRAMME, Step, ends_standing, judge_trials, stands
 from raw2drive_ros.conformance.observation import Observation, TopicSeen, Trial, Verdict
 from raw2drive_ros.conformance.passive import expected, judge
-from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BundleError, ContractError, NodeError, UnsafeError
+from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.driving.bundle import load_bundle
-from raw2drive_ros.errors import BundleError, ContractError, NodeError, UnsafeError
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import make_publisher, message_class
 from raw2drive_ros.nodes.runtime import StopRequest, run_node
-from raw2drive_ros.rates import DECISION_HZ
+from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
 
 # Discovery usually takes a fraction of a second; on a busy machine it has taken more than the first of these.

@@ -8,8 +8,8 @@ from typing import Literal
 
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.stamps import stamp_ns
-from raw2drive_ros import topics
-from raw2drive_ros.errors import BagError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag, read_calibrations, read_ticks
 

@@ -15,8 +15,8 @@ from typing import Any
 
 from rosbags.rosbag2 import Reader
 
-from raw2drive_ros import topics
-from raw2drive_ros.errors import BagError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import begin_ns, is_latched, messages_in, open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter

@@ -10,8 +10,8 @@ import yaml
 
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import transition_from_message
-from raw2drive_ros import topics
-from raw2drive_ros.errors import BagError, ContractError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError, ContractError
 from raw2drive_ros.recording.bag_reader import bag_folder, begin_ns, decoded, messages_in, open_bag
 
 

@@ -21,10 +21,10 @@ from msg_adapters.sensors import (
     route_from_message,
 )
 from msg_adapters.stamps import stamp_ns
-from raw2drive_ros import topics
-from raw2drive_ros.contract import CameraCalibration, Image8, ImuSample, OdometrySample, Route
-from raw2drive_ros.errors import BagError
-from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError
+from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
+from raw2drive_ros.contracts.public import CameraCalibration, Image8, ImuSample, OdometrySample, Route
 
 # Files of a bag, each of which may be given in place of its folder.
 BAG_FILES = ('.mcap', '.db3', '.yaml')

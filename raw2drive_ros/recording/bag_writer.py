@@ -24,8 +24,9 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.typesys import get_types_from_msg
 
 from msg_adapters.factory import RosbagsFactory
-from raw2drive_ros import __version__, topics
-from raw2drive_ros.errors import BagExistsError, DiskFullError
+from raw2drive_ros import __version__
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagExistsError, DiskFullError
 from raw2drive_ros.recording.bag_reader import partial_folder
 
 MIN_FREE_BYTES = 500_000_000

@@ -9,8 +9,8 @@ from pathlib import Path
 from msg_adapters.diagnostics import diagnostics_from_message
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import transition_from_message
-from raw2drive_ros import topics
-from raw2drive_ros.errors import BagError, ContractError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError, ContractError
 from raw2drive_ros.recording.bag_reader import begin_ns, decoded, messages_in, open_bag
 
 LEVELS = ('ok', 'warning', 'error', 'stale')

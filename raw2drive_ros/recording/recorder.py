@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.recording.bag_writer import BagWriter, require_new
 
 # Latched messages may have any stamp (of the boot, of a map file), and nodes without simulated time stamp diagnostics

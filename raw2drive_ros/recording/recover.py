@@ -13,7 +13,7 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.typesys import TypesysError
 
-from raw2drive_ros.errors import BagError
+from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.recording.bag_edit import whole_bag
 from raw2drive_ros.recording.bag_reader import messages_in, open_bag, partial_folder
 from raw2drive_ros.recording.bag_writer import PROVENANCE, BagWriter

@@ -18,8 +18,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.training.dataset import FIRST, LAST, TERMINAL, BagArrays
 from raw2drive_ros.world_model.agent import imagine_open_loop
 from raw2drive_ros.world_model.mask_codec import MaskCodec

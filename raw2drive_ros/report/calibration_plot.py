@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.report.calibration import EDGES, HORIZONS, Traces
 from raw2drive_ros.report.charts import PALETTE
 

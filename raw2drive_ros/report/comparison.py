@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader
 
 from raw2drive_ros import __version__
-from raw2drive_ros.errors import ResultsError
+from raw2drive_ros.contracts.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import ABILITIES
 from raw2drive_ros.evaluation.results import Results, read_results
 from raw2drive_ros.evaluation.statistics import (

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from raw2drive_ros.contract import Float64
-from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.contracts.errors import CheckpointError
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.evaluation.results import read_results
 from raw2drive_ros.report.charts import MAX_RUNS, PALETTE
 from raw2drive_ros.training.pictures import DREAM_TICKS

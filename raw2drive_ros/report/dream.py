@@ -14,12 +14,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.bev_colours import colour_masks
-from raw2drive_ros.errors import BagError
-from raw2drive_ros.rates import DECISION_HZ
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.recording.bag_reader import BagTick, open_bag, read_ticks
 from raw2drive_ros.report.panels import FRAME, Rgb, canvas_of, mp4, put, text
+from raw2drive_ros.tables.bev_colours import colour_masks
+from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.world_model.agent import imagine_open_loop
 from raw2drive_ros.world_model.distributions import class_one_hot, sample_one_hot
 from raw2drive_ros.world_model.mask_codec import MaskCodec

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 
 from raw2drive_ros.artifact import write_whole
-from raw2drive_ros.bev_channels import CHANNELS, SIZE_PX
-from raw2drive_ros.bev_colours import colour_masks
-from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.report.panels import Rgb, text
 from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.bev_channels import CHANNELS, SIZE_PX
+from raw2drive_ros.tables.bev_colours import colour_masks
+from raw2drive_ros.tables.rates import DECISION_HZ
 
 PICTURES = 7
 EVERY_TICKS = round(0.8 * DECISION_HZ)

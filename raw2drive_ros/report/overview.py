@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.bev_colours import COLOURS
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.report.panels import Rgb, text
 from raw2drive_ros.simulation.actors import Actor, PathVehicle, Walker, corners_m
 from raw2drive_ros.simulation.bev import CLASS_OF
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.bev_colours import COLOURS
 
 MIN_HEIGHT, MAX_HEIGHT, LEGEND_PX = 230, 620, 30
 MARGIN_M, NEAR_ROUTE_M = 14.0, 45.0

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 
 MOSAIC = (('front_left', 'front', 'front_right'), ('back_left', 'back', 'back_right'))
 PLOT_TICKS = 120

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult
-from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.tables.rates import DECISION_HZ
 
 # DreamerV3's horizon of 333 steps.
 DISCOUNT = 1.0 - 1.0 / 333.0

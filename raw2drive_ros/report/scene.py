@@ -7,18 +7,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from raw2drive_ros.bev_channels import CHANNELS
-from raw2drive_ros.bev_colours import colour_masks
-from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult
-from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.report.overview import Overview
 from raw2drive_ros.report.panels import Rgb, canvas_of, mp4, plot_controls, put, put_mosaic, text
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.bev_channels import CHANNELS
+from raw2drive_ros.tables.bev_colours import colour_masks
+from raw2drive_ros.tables.rates import DECISION_HZ
 
 SECONDS = 6.0
 GAP, TILE = 12, (320, 192)

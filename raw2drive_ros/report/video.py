@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from raw2drive_ros import topics
-from raw2drive_ros.bev_colours import colour_masks
-from raw2drive_ros.contract import Control, SensorFrame
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.public import Control, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.recording.bag_reader import BagTick, open_bag, read_ticks
 from raw2drive_ros.report.panels import Rgb, canvas_of, mp4, plot_controls, put, put_mosaic, text
+from raw2drive_ros.tables.bev_colours import colour_masks
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 
 WIDTH, HEIGHT, RATE = 960, 640, 20

@@ -13,7 +13,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
 
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.leaders import LOOK_AHEAD_M
 from raw2drive_ros.simulation.path import Path, smooth_step
 from raw2drive_ros.simulation.scripts import Meeting, Pacing, Script, ego_is_due

@@ -12,7 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.bev_channels import (
+from raw2drive_ros.contracts.public import Float64
+from raw2drive_ros.simulation.actors import corners_m
+from raw2drive_ros.simulation.layout import LANE_WIDTH_M
+from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.bev_channels import (
     CHANNEL_COUNT,
     EGO_COLUMN_PX,
     EGO_ROW_PX,
@@ -22,10 +26,6 @@ from raw2drive_ros.bev_channels import (
     STATIC_CHANNELS,
     dynamic_channel,
 )
-from raw2drive_ros.contract import Float64
-from raw2drive_ros.simulation.actors import corners_m
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
-from raw2drive_ros.simulation.world import World
 
 MAP_PIXELS_PER_M = 4.0
 ROUTE_STROKE_M = 2.0

@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from raw2drive_ros.contract import CameraCalibration, Float64
+from raw2drive_ros.contracts.public import CameraCalibration, Float64
 
 # name: (x m, y m, z m, yaw deg, horizontal field of view deg) in base_link; y and yaw positive to the left.
 MOUNTS = {

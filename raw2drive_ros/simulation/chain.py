@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from raw2drive_ros.errors import LayoutError
+from raw2drive_ros.contracts.errors import LayoutError
 from raw2drive_ros.simulation.layout import Junction, RoadLayout
 from raw2drive_ros.simulation.road_builder import build_road
 from raw2drive_ros.simulation.scenario import ActorSpec, Rng, Scene, TrafficSpec

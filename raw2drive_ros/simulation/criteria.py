@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.simulation.actors import PathVehicle, StandingObject, Walker, boxes_overlap, corners_m
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.rates import DECISION_HZ
 
 COLLISION_MEMORY_S = 5.0
 COLLISION_SPEED_MPS = 0.1

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from highway_env.vehicle.kinematics import Vehicle
 
-from raw2drive_ros.contract import Control, ImuSample, OdometrySample
+from raw2drive_ros.contracts.public import Control, ImuSample, OdometrySample
 
 GRAVITY_MPS2 = 9.81
 IMU_X_M = -1.4

@@ -14,17 +14,9 @@ import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.road.road import Road
 
-from raw2drive_ros.actions import nearest_action
-from raw2drive_ros.contract import (
-    CameraCalibration,
-    Control,
-    ImuSample,
-    OdometrySample,
-    Route,
-    SensorFrame,
-)
-from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
-from raw2drive_ros.rates import DECISION_HZ, DECISION_NS, PHYSICS_HZ, PHYSICS_NS, SUBSTEPS
+from raw2drive_ros.contracts.actions import nearest_action
+from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
+from raw2drive_ros.contracts.public import CameraCalibration, Control, ImuSample, OdometrySample, Route, SensorFrame
 from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
@@ -35,6 +27,7 @@ from raw2drive_ros.simulation.scenario import Rng, get_scenario, rng_for
 from raw2drive_ros.simulation.variation import NO_VARIATION, Variation, picture_rng
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.rates import DECISION_HZ, DECISION_NS, PHYSICS_HZ, PHYSICS_NS, SUBSTEPS
 
 CLOCK_START_NS = 1_000_000_000
 

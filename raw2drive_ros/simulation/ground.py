@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.contract import CameraCalibration, Float64
+from raw2drive_ros.contracts.public import CameraCalibration, Float64
 from raw2drive_ros.simulation.roads import RoadMap
 from raw2drive_ros.simulation.variation import NO_VARIATION, Variation
 from raw2drive_ros.simulation.weather import CLEAR, WEATHERS, Weather

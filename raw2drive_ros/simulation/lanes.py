@@ -7,7 +7,7 @@ import math
 import numpy as np
 from highway_env.road.lane import AbstractLane, LineType
 
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.public import Float64
 
 
 class ArcLane(AbstractLane):

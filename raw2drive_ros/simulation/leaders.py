@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.path import SPACING_M
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.public import Float64
 
 SPACING_M = 0.5
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.contract import CameraCalibration, Float64, Image8
+from raw2drive_ros.contracts.public import CameraCalibration, Float64, Image8
 from raw2drive_ros.simulation.actors import PathVehicle
 from raw2drive_ros.simulation.ground import GroundProjector, Rgb, far_ground, paint_ground
 from raw2drive_ros.simulation.shapes import Shape, actor_shape, light_shape, stop_sign_shape

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from raw2drive_ros.rates import DECISION_HZ
 from raw2drive_ros.simulation.actors import Walker
 from raw2drive_ros.simulation.criteria import route_deviation_m
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.rates import DECISION_HZ
 
 RAMP_M = 12.5
 SPEED_SHARE = 0.8

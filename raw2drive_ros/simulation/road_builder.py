@@ -7,8 +7,8 @@ import math
 import numpy as np
 from highway_env.road.road import RoadNetwork
 
-from raw2drive_ros.contract import Float64
-from raw2drive_ros.errors import LayoutError
+from raw2drive_ros.contracts.errors import LayoutError
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.lanes import ArcLane
 from raw2drive_ros.simulation.layout import (
     ARM_LENGTH_M,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from highway_env.road.road import RoadNetwork
 
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.lanes import ArcLane
 from raw2drive_ros.simulation.layout import Junction, RoadLayout
 from raw2drive_ros.simulation.path import Path

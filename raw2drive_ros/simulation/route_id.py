@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from raw2drive_ros.errors import RouteIdError
+from raw2drive_ros.contracts.errors import RouteIdError
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 
 # Not `isdigit`, which accepts a superscript two; 18 digits fit into an integer parameter of ROS.

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from raw2drive_ros.errors import UnknownScenarioError
+from raw2drive_ros.contracts.errors import UnknownScenarioError
 from raw2drive_ros.simulation.layout import RoadLayout
 from raw2drive_ros.simulation.scripts import Pacing, Script
 

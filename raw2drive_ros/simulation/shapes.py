@@ -10,7 +10,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from raw2drive_ros.contract import Float64
+from raw2drive_ros.contracts.public import Float64
 
 PALETTE = np.array(
     [

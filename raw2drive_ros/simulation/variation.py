@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.contract import CameraCalibration, Float64
+from raw2drive_ros.contracts.public import CameraCalibration, Float64
 from raw2drive_ros.simulation.camera_rig import moved
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import Rng

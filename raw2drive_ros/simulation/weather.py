@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from raw2drive_ros.contract import Float64
-from raw2drive_ros.errors import UnknownWeatherError
+from raw2drive_ros.contracts.errors import UnknownWeatherError
+from raw2drive_ros.contracts.public import Float64
 
 # Range of the ego's headlights, and growth of the beam's half width per metre.
 BEAM_M, BEAM_SPREAD = 24.0, 0.5

@@ -8,9 +8,8 @@ from collections import deque
 
 import numpy as np
 
-from raw2drive_ros.contract import Control, Float64
-from raw2drive_ros.errors import LayoutError
-from raw2drive_ros.rates import PHYSICS_HZ
+from raw2drive_ros.contracts.errors import LayoutError
+from raw2drive_ros.contracts.public import Control, Float64
 from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, fork_of
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
@@ -33,6 +32,7 @@ from raw2drive_ros.simulation.scenario import (
 )
 from raw2drive_ros.simulation.scripts import Meeting
 from raw2drive_ros.simulation.signals import StopSign, TrafficLight
+from raw2drive_ros.tables.rates import PHYSICS_HZ
 
 HISTORY_TICKS = 16
 CURVE_LATERAL_MPS2 = 3.0

@@ -9,7 +9,7 @@ import torch
 from pydantic import Field, ValidationError, model_validator
 from torch import Tensor
 
-from raw2drive_ros.errors import CheckpointError, ConfigError
+from raw2drive_ros.contracts.errors import CheckpointError, ConfigError
 from raw2drive_ros.settings import Strict, load_preset, problems
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.run_files import read_run

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters.factory import RosbagsFactory
-from raw2drive_ros import topics
 from raw2drive_ros.artifact import whole_folder
-from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError, ContractError
+from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
-from raw2drive_ros.errors import BagError, ContractError
 from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import (
     camera_topics,
@@ -31,7 +31,7 @@ from raw2drive_ros.recording.bag_reader import (
     read_ticks,
     require_topics,
 )
-from raw2drive_ros.vector_layout import EGO_SIZE, VECTOR_SIZE
+from raw2drive_ros.tables.vector_layout import EGO_SIZE, VECTOR_SIZE
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.contracts.errors import CheckpointError
 from raw2drive_ros.driving.bundle import save_bundle
-from raw2drive_ros.errors import CheckpointError
 from raw2drive_ros.training.checkpoint import load_weights
 from raw2drive_ros.training.config import RunConfig, read_run_config
 from raw2drive_ros.training.dataset import rig_of

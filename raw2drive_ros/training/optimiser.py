@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 
-from raw2drive_ros.errors import NonFiniteError
+from raw2drive_ros.contracts.errors import NonFiniteError
 from raw2drive_ros.training.parallel import ALONE, Ranks
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import torch
 
-from raw2drive_ros.bev_colours import colour_masks
+from raw2drive_ros.tables.bev_colours import colour_masks
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 from raw2drive_ros.training.raw import RawTrainer
 from raw2drive_ros.training.replay import Batch

@@ -7,14 +7,14 @@ import math
 import torch
 from torch import Tensor
 
-from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.training.config import RunConfig
 from raw2drive_ros.training.imagination import choose_starts, imagine, policy_losses, start_noise, update_policy
 from raw2drive_ros.training.losses import decoded_rows, dynamics_losses, reconstruction_losses, weighted_sum
 from raw2drive_ros.training.optimiser import Optimiser
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.replay import Batch
-from raw2drive_ros.vector_layout import EGO_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
 from raw2drive_ros.world_model.rssm import State
 from raw2drive_ros.world_model.streams import PrivilegedWorldModel

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.contracts.public import CameraCalibration
+from raw2drive_ros.tables.vector_layout import EGO_SIZE, VECTOR_SIZE
 from raw2drive_ros.training.config import RunConfig
 from raw2drive_ros.training.guidance import PairedRollout, guidance_losses, observe_pair
 from raw2drive_ros.training.imagination import (
@@ -23,7 +24,6 @@ from raw2drive_ros.training.losses import decoded_rows, dynamics_losses, reconst
 from raw2drive_ros.training.optimiser import Optimiser
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.replay import Batch
-from raw2drive_ros.vector_layout import EGO_SIZE, VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
 from raw2drive_ros.world_model.rssm import State
 from raw2drive_ros.world_model.streams import RawWorldModel

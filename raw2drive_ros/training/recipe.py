@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import Field
 
-from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.contracts.errors import ConfigError
 from raw2drive_ros.settings import Strict, load_strict, params_folder
 
 SEEDS_PER_ROUND, ROUNDS_PER_RUN = 10, 100

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.training.dataset import FIRST, TERMINAL, BagArrays
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.world_model.mask_codec import MaskCodec

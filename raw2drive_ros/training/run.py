@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from raw2drive_ros.artifact import write_whole
-from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.contracts.errors import CheckpointError
 from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.training.checkpoint import Trainer, load_checkpoint, save_checkpoint
 from raw2drive_ros.training.config import RunConfig, make_config, overridden, read_run_config

@@ -21,10 +21,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from raw2drive_ros.bev_channels import EGO_COLUMN_PX, EGO_ROW_PX, PIXELS_PER_M, SIZE_PX
-from raw2drive_ros.contract import CameraCalibration, Float64
-from raw2drive_ros.errors import ContractError
-from raw2drive_ros.vector_layout import CHECKPOINT_SCALE_M, CHECKPOINTS_AHEAD, FIRST_CHECKPOINT
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import CameraCalibration, Float64
+from raw2drive_ros.tables.bev_channels import EGO_COLUMN_PX, EGO_ROW_PX, PIXELS_PER_M, SIZE_PX
+from raw2drive_ros.tables.vector_layout import CHECKPOINT_SCALE_M, CHECKPOINTS_AHEAD, FIRST_CHECKPOINT
 from raw2drive_ros.world_model.bev_encoder import Residual
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.layers import Conv

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from raw2drive_ros.bev_channels import CHANNELS
 from raw2drive_ros.settings import Strict
+from raw2drive_ros.tables.bev_channels import CHANNELS
 
 
 class ModelConfig(Strict):

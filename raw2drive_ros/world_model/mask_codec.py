@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.bev_channels import CHANNELS, SIZE_PX
+from raw2drive_ros.tables.bev_channels import CHANNELS, SIZE_PX
 from raw2drive_ros.world_model.config import ModelConfig
 
 

@@ -14,7 +14,7 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from raw2drive_ros.artifact import part_of
-from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.contracts.errors import CheckpointError
 
 CONFIG = 'config.json'
 CHECKPOINTS = 'checkpoints'

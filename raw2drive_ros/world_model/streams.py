@@ -12,7 +12,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from raw2drive_ros.contract import CameraCalibration
+from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.bev_encoder import BevDecoder, BevEncoder
 from raw2drive_ros.world_model.camera_encoder import CameraEncoder

@@ -18,7 +18,6 @@ from safetensors import SafetensorError
 from torch import nn
 
 from raw2drive_ros import __version__
-from raw2drive_ros.actions import ACTION_COUNT, table_hash
 from raw2drive_ros.artifact import (
     CARD,
     WEIGHTS,
@@ -29,8 +28,9 @@ from raw2drive_ros.artifact import (
     short_hash,
     whole_folder,
 )
-from raw2drive_ros.errors import CheckpointError
-from raw2drive_ros.vector_layout import EGO_SIZE
+from raw2drive_ros.contracts.actions import ACTION_COUNT, table_hash
+from raw2drive_ros.contracts.errors import CheckpointError
+from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.run_files import TENSORS, checkpoint_of, load_modules, read_checkpoint, read_run, run_of

@@ -13,8 +13,8 @@ carla = pytest.importorskip('carla', reason='extra carla')
 import stand_in  # noqa: E402 (needs carla)
 
 from raw2drive_ros.carla_vehicle import client  # noqa: E402
-from raw2drive_ros.contract import Control  # noqa: E402
-from raw2drive_ros.errors import SensorTimeoutError  # noqa: E402
+from raw2drive_ros.contracts.errors import SensorTimeoutError  # noqa: E402
+from raw2drive_ros.contracts.public import Control  # noqa: E402
 from raw2drive_ros.simulation.camera_rig import camera_rig  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]

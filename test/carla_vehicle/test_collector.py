@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from raw2drive_ros.carla_vehicle.collector import FrameCollector
-from raw2drive_ros.errors import SensorTimeoutError
+from raw2drive_ros.contracts.errors import SensorTimeoutError
 
 NAMES = ('imu', 'front', 'back')
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raw2drive_ros.carla_vehicle import geometry
-from raw2drive_ros.contract import Control
-from raw2drive_ros.errors import ContractError
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.simulation.camera_rig import camera_rig
 
 carla = pytest.importorskip('carla', reason='extra carla')

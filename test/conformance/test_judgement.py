@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from msg_adapters.sensors import BASE_FRAME, IMU_FRAME, MAP_FRAME, optical_frame
-from raw2drive_ros import topics
 from raw2drive_ros.conformance.active import CHECKS, PROGRAMME, judge_trials
 from raw2drive_ros.conformance.observation import Observation, TopicSeen, Trial
 from raw2drive_ros.conformance.passive import expected, judge
-from raw2drive_ros.contract import CameraCalibration, Control, ImuSample, OdometrySample, Route
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.public import CameraCalibration, Control, ImuSample, OdometrySample, Route
 from raw2drive_ros.simulation.camera_rig import camera_rig
 
 RIG = camera_rig(96, 160)[:2]

@@ -1,6 +1,6 @@
 """Shared by the tests of the gate: both clocks, proposals, a gate that drives."""
 
-from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.driving.gate import Gate, GateState, Moment
 
 WANTED = Control(0.5, 0.0, 0.2)

@@ -2,8 +2,8 @@ from collections import Counter
 
 import pytest
 
-from raw2drive_ros.actions import ACTIONS, BRAKE_ACTION, PAPER_TABLE, nearest_action
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.actions import ACTIONS, BRAKE_ACTION, PAPER_TABLE, nearest_action
+from raw2drive_ros.contracts.public import Control
 
 
 def test_counts_of_the_papers_table() -> None:

@@ -4,10 +4,10 @@ import shutil
 import numpy as np
 import pytest
 
-from raw2drive_ros.contract import ImuSample, OdometrySample, Route, SensorFrame
+from raw2drive_ros.contracts.errors import BundleError, ContractError
+from raw2drive_ros.contracts.public import ImuSample, OdometrySample, Route, SensorFrame
 from raw2drive_ros.driving.bundle import check_rig, load_bundle
 from raw2drive_ros.driving.raw_driver import RawDriver
-from raw2drive_ros.errors import BundleError, ContractError
 from raw2drive_ros.simulation.camera_rig import camera_rig
 
 

@@ -1,6 +1,6 @@
 """The vehicle's side: the last command is held, then the car brakes."""
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.driving.command_policy import CommandPolicy
 
 WANTED = Control(0.5, 0.0, 0.2)

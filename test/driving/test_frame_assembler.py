@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raw2drive_ros.contract import ImuSample, OdometrySample
+from raw2drive_ros.contracts.public import ImuSample, OdometrySample
 from raw2drive_ros.driving.frame_assembler import PENDING_LIMIT, FrameAssembler
 
 CAMERAS = ('front', 'back')

@@ -7,7 +7,7 @@ from gate_helpers import WANTED, at, drive, driving_gate, proposal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.driving.gate import Gate, GateLimits, GateState, Moment
 from raw2drive_ros.driving.gate_limits import MotionLimits
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.driving.gate_limits import MotionLimits, limited
 from raw2drive_ros.driving.gate_monitors import Oscillation, Saturation
 

@@ -5,7 +5,7 @@ import math
 import pytest
 from gate_helpers import WANTED, at, drive, driving_gate, proposal
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.driving.gate import Gate, GateState, Moment
 
 

@@ -3,7 +3,7 @@
 import pytest
 from gate_helpers import WANTED, at, driving_gate, proposal
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.driving.gate import GateState
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.sensors import BASE_FRAME, camera_info_to_message, optical_frame, transform_to_message
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.planner_inputs import PlannerInputs
 from raw2drive_ros.driving.raw_planner import RawPlanner

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from raw2drive_ros.contract import ImuSample, OdometrySample, Route
+from raw2drive_ros.contracts.public import ImuSample, OdometrySample, Route
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
-from raw2drive_ros.vector_layout import VECTOR_FIELDS, VECTOR_SIZE
+from raw2drive_ros.tables.vector_layout import VECTOR_FIELDS, VECTOR_SIZE
 
 IMU = ImuSample(0, (0.5, -0.25, 9.81), (0, 0, 0.1))
 ROUTE = Route(1, np.array([[0.0, 0.0], [25.0, 0.0], [50.0, 10.0]]))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from raw2drive_ros.contract import ImuSample, OdometrySample, SensorFrame
+from raw2drive_ros.contracts.errors import ConfigError
+from raw2drive_ros.contracts.public import ImuSample, OdometrySample, SensorFrame
 from raw2drive_ros.driving.monitor_config import load_monitor_config
 from raw2drive_ros.driving.sensor_monitor import Health, MonitorLimits, SensorMonitor
-from raw2drive_ros.errors import ConfigError
 from raw2drive_ros.timing import load_timing
 
 CAMERAS = ('front', 'back')

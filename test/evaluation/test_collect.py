@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.contract import Control, Decision
+from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.evaluation.collect import TRAIN_SEED_START, CollectConfig, collect, episode_route
 from raw2drive_ros.evaluation.world_drivers import WorldDriver
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_ticks

@@ -3,7 +3,7 @@ import shutil
 import numpy as np
 import pytest
 
-from raw2drive_ros.errors import UnknownDriverError, UnknownScenarioError
+from raw2drive_ros.contracts.errors import UnknownDriverError, UnknownScenarioError
 from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from raw2drive_ros.errors import ResultsError
+from raw2drive_ros.contracts.errors import ResultsError
 from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.evaluate import evaluate
 from raw2drive_ros.evaluation.metrics import RouteResult, score_route

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.errors import SoakError
+from raw2drive_ros.contracts.errors import SoakError
 from raw2drive_ros.evaluation.soak import Sample, append_sample, drop_half_line, read_samples, theil_sen, totals, trends
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from raw2drive_ros.errors import ResultsError
+from raw2drive_ros.contracts.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import bootstrap
 from raw2drive_ros.evaluation.results import Results
 from raw2drive_ros.evaluation.statistics import (

@@ -2,7 +2,7 @@
 
 import pytest
 
-from raw2drive_ros.errors import UnfairScenarioError, UnknownSuiteError
+from raw2drive_ros.contracts.errors import UnfairScenarioError, UnknownSuiteError
 from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.suites import (
     DEV10,

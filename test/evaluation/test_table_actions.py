@@ -2,9 +2,9 @@
 
 import pytest
 
-from raw2drive_ros.actions import ACTIONS, BRAKE_ACTION
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.actions import ACTIONS, BRAKE_ACTION
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import as_received, drive_route

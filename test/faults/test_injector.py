@@ -16,9 +16,9 @@ from msg_adapters.sensors import (
     odometry_to_message,
 )
 from msg_adapters.stamps import stamp_ns
-from raw2drive_ros import topics
-from raw2drive_ros.contract import Control, Decision, ImuSample, OdometrySample
-from raw2drive_ros.errors import ConfigError, ContractError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import ConfigError, ContractError
+from raw2drive_ros.contracts.public import Control, Decision, ImuSample, OdometrySample
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import Fault, load_plans
 

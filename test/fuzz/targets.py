@@ -21,12 +21,8 @@ from msg_adapters.commands import decision_from_message, decision_to_message
 from msg_adapters.compressed import compressed_image_to_message, image_from_compressed_message
 from msg_adapters.diagnostics import diagnostics_from_message
 from msg_adapters.factory import RosbagsFactory
-from raw2drive_ros import topics
-from raw2drive_ros.contract import Control, Decision, ImuSample, OdometrySample, Route
-from raw2drive_ros.driving.bundle import load_bundle
-from raw2drive_ros.driving.gate_config import load_gate_config
-from raw2drive_ros.driving.monitor_config import load_monitor_config
-from raw2drive_ros.errors import (
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import (
     BagError,
     BundleError,
     ConfigError,
@@ -38,6 +34,10 @@ from raw2drive_ros.errors import (
     UnknownSuiteError,
     UnknownWeatherError,
 )
+from raw2drive_ros.contracts.public import Control, Decision, ImuSample, OdometrySample, Route
+from raw2drive_ros.driving.bundle import load_bundle
+from raw2drive_ros.driving.gate_config import load_gate_config
+from raw2drive_ros.driving.monitor_config import load_monitor_config
 from raw2drive_ros.evaluation.results import read_results
 from raw2drive_ros.evaluation.soak import read_samples
 from raw2drive_ros.evaluation.suites import load_suite

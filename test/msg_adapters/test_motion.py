@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from msg_adapters.motion import CarFigures, motion_of, standstill
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 
 CAR = CarFigures(wheelbase_m=2.5, max_steer_rad=0.5, full_throttle_mps2=4.0, full_brake_mps2=8.0)
 shares = st.floats(0.0, 1.0)

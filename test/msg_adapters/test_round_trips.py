@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from msg_adapters import commands, compressed, diagnostics, named_values, privileged, sensors
 from msg_adapters.factory import RclpyFactory, RosbagsFactory
 from msg_adapters.stamps import set_stamp, stamp_ns
-from raw2drive_ros.actions import ACTION_COUNT
-from raw2drive_ros.bev_channels import CHANNEL_COUNT
-from raw2drive_ros.contract import Control, Decision, ImuSample, OdometrySample, Route
-from raw2drive_ros.errors import ContractError
-from raw2drive_ros.privileged_contract import PrivilegedFrame, Transition
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
+from raw2drive_ros.contracts.public import Control, Decision, ImuSample, OdometrySample, Route
 from raw2drive_ros.simulation.camera_rig import camera_rig
+from raw2drive_ros.tables.bev_channels import CHANNEL_COUNT
 
 FACTORIES = {'rclpy': RclpyFactory(), 'rosbags': RosbagsFactory()}
 factories = pytest.mark.parametrize('factory', FACTORIES.values(), ids=FACTORIES.keys())

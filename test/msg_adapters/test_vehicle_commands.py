@@ -7,7 +7,7 @@ from msg_adapters.factory import RclpyFactory, RosbagsFactory
 from msg_adapters.motion import Motion
 from msg_adapters.stamps import stamp_ns
 from msg_adapters.vehicle_commands import ADAPTERS
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 
 STAMP_NS = 12_345_678_901
 CONTROL = Control(0.25, 0.0, 0.5)

@@ -15,7 +15,7 @@ from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import Image, Imu, JointState
 from std_srvs.srv import Trigger
 
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.nodes.transport import configure_transport
 
 configure_transport()

@@ -9,7 +9,7 @@ from rcl_interfaces.srv import SetParameters
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.nodes.quality import profile_of
 from raw2drive_ros.nodes.transport import configure_transport
 

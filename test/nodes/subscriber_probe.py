@@ -11,7 +11,7 @@ import time
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.transport import configure_transport
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from raw2drive_ros import topics
-from raw2drive_ros.errors import DomainBusyError, GraphError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import DomainBusyError, GraphError
 from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route

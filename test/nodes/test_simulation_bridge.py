@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.nodes.transport import child_environment
 
@@ -94,13 +94,13 @@ class Rewrite(ast.NodeTransformer):
                     member.value = ast.Constant(f'somebody like {member.targets[0].id}')
         return self.generic_visit(node)
 
-spec = importlib.util.find_spec('raw2drive_ros.topics')
-table = types.ModuleType('raw2drive_ros.topics')
+spec = importlib.util.find_spec('raw2drive_ros.contracts.topics')
+table = types.ModuleType('raw2drive_ros.contracts.topics')
 sys.modules[table.__name__] = table
 tree = ast.fix_missing_locations(Rewrite().visit(ast.parse(open(spec.origin).read())))
 exec(compile(tree, spec.origin, 'exec'), table.__dict__)
 import raw2drive_ros
-raw2drive_ros.topics = table
+raw2drive_ros.contracts.topics = table
 assert {row.carries for row in table.TOPICS} == {'something'} and 'somebody like VEHICLE' in table.markdown_table()
 
 from raw2drive_ros.nodes import bridge, carla_bridge

@@ -7,8 +7,8 @@ import numpy as np
 from msg_adapters.diagnostics import diagnostics_to_message
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.sensors import odometry_to_message, route_to_message
-from raw2drive_ros import topics
-from raw2drive_ros.contract import OdometrySample, Route
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.public import OdometrySample, Route
 from raw2drive_ros.recording.bag_reader import open_bag
 
 

@@ -7,8 +7,8 @@ from recording_helpers import messages_of
 
 from msg_adapters.diagnostics import diagnostics_to_message
 from msg_adapters.factory import RosbagsFactory
-from raw2drive_ros import topics
 from raw2drive_ros.cli.main import main
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_writer import BagWriter
 

@@ -8,9 +8,9 @@ from recording_helpers import messages_of, raw_message
 
 from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
-from raw2drive_ros import topics
-from raw2drive_ros.contract import Control, Decision
-from raw2drive_ros.errors import BagError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError
+from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.recording.bag_edit import cut, merge
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag

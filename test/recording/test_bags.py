@@ -4,8 +4,8 @@ import shutil
 import numpy as np
 import pytest
 
-from raw2drive_ros import topics
-from raw2drive_ros.errors import BagError, BagExistsError, DiskFullError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError, BagExistsError, DiskFullError
 from raw2drive_ros.evaluation.verify import recorded_proposals
 from raw2drive_ros.recording import bag_writer
 from raw2drive_ros.recording.bag_info import bag_info

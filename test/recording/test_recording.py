@@ -3,8 +3,8 @@
 import pytest
 from recording_helpers import messages_of, raw_message
 
-from raw2drive_ros import topics
-from raw2drive_ros.errors import BagExistsError, DiskFullError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagExistsError, DiskFullError
 from raw2drive_ros.recording import bag_writer
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.recorder import Recording, RingBuffer

@@ -12,9 +12,9 @@ import pytest
 from mcap.reader import make_reader
 from recording_helpers import raw_message
 
-from raw2drive_ros import topics
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.errors import BagError, BagExistsError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import BagError, BagExistsError
 from raw2drive_ros.recording.bag_edit import cut
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag
@@ -31,7 +31,7 @@ from pathlib import Path
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.sensors import odometry_to_message
 from raw2drive_ros import topics
-from raw2drive_ros.contract import OdometrySample
+from raw2drive_ros.contracts.public import OdometrySample
 from raw2drive_ros.recording.recorder import Recording
 factory = RosbagsFactory()
 recording = Recording(Path(sys.argv[1]), {'note': 'killed'}, split_s=float(sys.argv[2]))

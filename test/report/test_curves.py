@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.errors import CheckpointError
+from raw2drive_ros.contracts.errors import CheckpointError
 from raw2drive_ros.report.charts import PALETTE
 from raw2drive_ros.report.curves import draw, panels_of, read_run, read_runs
 from raw2drive_ros.training.run import RunFolder

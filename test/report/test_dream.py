@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.errors import BagError
+from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.report.dream import SIZE, dream, save_dream, ticks_around
 from raw2drive_ros.world_model.teacher import load_teacher
 

@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from raw2drive_ros.bev_channels import SIZE_PX
-from raw2drive_ros.bev_colours import COLOURS
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.report.filmstrip import CAPTION_PX, EVERY_TICKS, GAP_PX, PICTURES, FilmstripRecorder
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+from raw2drive_ros.tables.bev_channels import SIZE_PX
+from raw2drive_ros.tables.bev_colours import COLOURS
 
 
 @pytest.fixture(scope='module')

@@ -12,7 +12,7 @@ import pytest
 
 from raw2drive_ros.cli import scenario as scenario_verb
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.errors import ResultsError
+from raw2drive_ros.contracts.errors import ResultsError
 from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.metrics import score_route
 from raw2drive_ros.evaluation.statistics import compare, summarise, timing_of

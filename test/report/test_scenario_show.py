@@ -5,7 +5,6 @@ import cv2
 import numpy as np
 import pytest
 
-from raw2drive_ros.bev_colours import COLOURS
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.report.overview import LIGHTS, Overview, colour_of
 from raw2drive_ros.report.scene import FILM, OUTCOME_FRAMES, WIDTH
@@ -13,6 +12,7 @@ from raw2drive_ros.report.video import HEIGHT, write_video
 from raw2drive_ros.report.video import WIDTH as VIDEO_WIDTH
 from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios, rng_for
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.bev_colours import COLOURS
 
 
 def world_of(name: str, seed: int = 0) -> World:

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from raw2drive_ros.actions import ACTIONS
-from raw2drive_ros.contract import Control
-from raw2drive_ros.errors import UnknownScenarioError
+from raw2drive_ros.contracts.actions import ACTIONS
+from raw2drive_ros.contracts.errors import UnknownScenarioError
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.evaluation.world_drivers import rule_driver
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.scenario import load_scenarios

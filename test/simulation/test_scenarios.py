@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.evaluation.following import pedals, pursuit_steer
 from raw2drive_ros.evaluation.suites import PRACTICE
 from raw2drive_ros.simulation.actors import CarDoor, PathVehicle

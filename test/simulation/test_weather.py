@@ -4,8 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from raw2drive_ros.contract import Control
-from raw2drive_ros.errors import UnknownWeatherError
+from raw2drive_ros.contracts.errors import UnknownWeatherError
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.simulation.actors import Look, PathVehicle, StandingObject
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig

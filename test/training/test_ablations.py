@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from raw2drive_ros.errors import ConfigError
+from raw2drive_ros.contracts.errors import ConfigError
 from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.training.config import RunConfig, TrainConfig, make_config
 from raw2drive_ros.training.dataset import load_bags, rig_of

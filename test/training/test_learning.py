@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from raw2drive_ros.errors import CheckpointError, ConfigError
+from raw2drive_ros.contracts.errors import CheckpointError, ConfigError
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
 from raw2drive_ros.evaluation.table_actions import TableActionDriver
 from raw2drive_ros.evaluation.world_drivers import rule_driver

@@ -5,9 +5,9 @@ import json
 import pytest
 import torch
 
-from raw2drive_ros import topics
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.errors import CheckpointError, ConfigError, UnknownScenarioError
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import CheckpointError, ConfigError, UnknownScenarioError
 from raw2drive_ros.evaluation.metrics import score_route
 from raw2drive_ros.evaluation.recipe_rounds import failures_by_type, keep_if_best, run_recipe
 from raw2drive_ros.evaluation.results import RowsFile, header_of

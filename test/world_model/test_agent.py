@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.training.config import make_config
-from raw2drive_ros.vector_layout import EGO_SIZE
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.agent import Observation, RecurrentAgent, imagine_open_loop
 from raw2drive_ros.world_model.distributions import class_one_hot

@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from raw2drive_ros.simulation.camera_rig import camera_rig
+from raw2drive_ros.tables.vector_layout import FIRST_CHECKPOINT, VECTOR_SIZE
 from raw2drive_ros.training.config import make_config
-from raw2drive_ros.vector_layout import FIRST_CHECKPOINT, VECTOR_SIZE
 from raw2drive_ros.world_model.camera_encoder import (
     CameraEncoder,
     Lifting,

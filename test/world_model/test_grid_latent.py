@@ -4,9 +4,9 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.training.config import make_config
-from raw2drive_ros.vector_layout import EGO_SIZE
 from raw2drive_ros.world_model.bev_encoder import BevDecoder
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.distributions import FEW_CLASSES, mixed_log_probs

@@ -5,7 +5,7 @@ import copy
 import pytest
 import torch
 
-from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.imagination import imagine, policy_losses, start_noise
 from raw2drive_ros.training.parallel import ALONE

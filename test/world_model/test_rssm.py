@@ -5,7 +5,7 @@ import copy
 import pytest
 import torch
 
-from raw2drive_ros.actions import ACTION_COUNT
+from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.guidance import observe_pair
 from raw2drive_ros.world_model.deferred import DeferredLinear

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, unique
 
-from raw2drive_ros.rates import DECISION_HZ, DIAGNOSTICS_HZ, PHYSICS_HZ, ROUTE_HZ
+from raw2drive_ros.tables.rates import DECISION_HZ, DIAGNOSTICS_HZ, PHYSICS_HZ, ROUTE_HZ
 
 CAMERAS = ('front', 'front_left', 'front_right', 'back', 'back_left', 'back_right')
 

@@ -1,6 +1,6 @@
 """Checks that the hooks of `.pre-commit-config.yaml` run on the files of a commit. Standard library only.
 
-python tools/pre_commit_checks.py large-files|private-keys|package-xml FILE [FILE ...]
+python .ci/pre_commit_checks.py large-files|private-keys|package-xml FILE [FILE ...]
 
 Prints one line per fault. Exit codes: 0 nothing found, 1 faults, 2 wrong usage.
 """
@@ -98,7 +98,8 @@ def _children(data: bytes) -> list[tuple[str, int]]:
         depth -= 1
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.Parse(data, True)
+    # Expat takes positional arguments only; True: these are all of the data.
+    parser.Parse(data, True)  # noqa: FBT003
     return found
 
 
@@ -110,6 +111,7 @@ CHECKS: dict[str, Callable[[Path], Iterator[str]]] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one check on the files; exit code 1 when it finds something."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('check', choices=CHECKS)
     parser.add_argument('files', nargs='+', type=Path, metavar='FILE')

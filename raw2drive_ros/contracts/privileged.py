@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.errors import ContractError
-from raw2drive_ros.vector_layout import EGO_SIZE
+from raw2drive_ros.contracts.errors import ContractError
+from raw2drive_ros.tables.vector_layout import EGO_SIZE
 
 
 @dataclass(frozen=True, slots=True)
 class PrivilegedFrame:
     """Ground truth of one decision tick.
 
-    bev: (C, H, W) bool, BEV masks, row 0 is far ahead, column 0 is left; channels: `bev_channels`.
-    ego: (5,) float32 in the order of `vector_layout.EGO_FIELDS`.
+    bev: (C, H, W) bool, BEV masks, row 0 is far ahead, column 0 is left; channels: `tables.bev_channels`.
+    ego: (5,) float32 in the order of `tables.vector_layout.EGO_FIELDS`.
     """
 
     stamp_ns: int

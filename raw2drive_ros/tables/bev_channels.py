@@ -6,7 +6,7 @@ The paper gives the number 43 and the two groups, not the list; this is ours. Co
 
 from __future__ import annotations
 
-from raw2drive_ros.rates import PHYSICS_HZ
+from raw2drive_ros.tables.rates import PHYSICS_HZ
 
 STATIC_CHANNELS = (
     'road',

@@ -12,7 +12,7 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.contract import Control
+from raw2drive_ros.contracts.public import Control
 
 # (throttle, brake, steer in the PAPER's sign, reverse)
 _FORWARD_FAST = tuple((0.7, 0.0, s, False) for s in (-0.5, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.5))

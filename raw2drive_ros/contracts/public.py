@@ -2,7 +2,7 @@
 
 Frames follow REP-103 and REP-105: `map` and `base_link` are right-handed, x forward (or east),
 y left, z up; yaw is counter-clockwise positive; units are SI. Cameras use optical frames
-(z forward, x right, y down). Nothing here is privileged: see `privileged_contract`.
+(z forward, x right, y down). Nothing here is privileged: see `contracts.privileged`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.errors import ContractError
+from raw2drive_ros.contracts.errors import ContractError
 
 Float64 = NDArray[np.float64]
 Image8 = NDArray[np.uint8]

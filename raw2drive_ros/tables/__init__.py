@@ -1,0 +1,1 @@
+"""Constants that several rooms share: rates, BEV channels and their colours, the layout of vector inputs."""
