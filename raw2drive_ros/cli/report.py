@@ -6,6 +6,8 @@ import argparse
 import json
 from pathlib import Path
 
+from raw2drive_ros.cli.deprecation import warn_old
+
 EXAMPLES = """examples:
   raw2drive report runs/expert.jsonl --out report.html
   raw2drive report runs/expert.jsonl runs/rule.jsonl runs/raw.jsonl --out report.html
@@ -19,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('files', nargs='+', type=Path, metavar='FILE', help='JSON lines of raw2drive evaluate --out')
     parser.add_argument('--out', type=Path, default=Path('report.html'), help='page to write (default: report.html)')
     parser.add_argument('--filmstrips', type=int, default=40, help='pictures of failed drives per driver (default: 40)')
+    parser.add_argument('--strips', type=int, help=argparse.SUPPRESS)
     parser.add_argument('--json', action='store_true', help='print the statistics as JSON and write no page')
 
 
@@ -26,6 +29,9 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.report.comparison import read_all, statistics_of, write_comparison
 
+    if options.strips is not None:
+        warn_old('--strips', '--filmstrips')
+        options.filmstrips = options.strips
     if options.filmstrips < 0:
         raise UsageError('--filmstrips: give 0 or more')
     if options.json:

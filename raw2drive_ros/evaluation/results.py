@@ -14,6 +14,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from raw2drive_ros.artifact import write_whole
 from raw2drive_ros.contracts.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import RouteResult
 from raw2drive_ros.simulation.route_id import RouteId
@@ -71,8 +72,9 @@ def id_of(row: Row) -> RouteId:
 
 
 def filmstrips_of(results_file: Path) -> Path:
-    """Folder of the pictures of failed routes that belong to a file of results."""
-    return results_file.with_suffix('.filmstrips')
+    """Folder of the pictures of failed routes that belong to a file of results; version 0.2 called it `.strips`."""
+    folder, old = results_file.with_suffix('.filmstrips'), results_file.with_suffix('.strips')
+    return old if old.is_dir() and not folder.is_dir() else folder
 
 
 def filmstrip_path(filmstrips: Path, route_id: str) -> Path:
@@ -278,6 +280,4 @@ class RowsFile:
         self.rows = {id_of(row): RouteResult(**row) for row in content.rows}
         if not content.whole or first['routes'] != header['routes']:
             lines = [json.dumps(first | {'routes': header['routes']}), *content.lines]
-            partial = path.with_name(path.name + '.partial')
-            partial.write_text('\n'.join(lines) + '\n')
-            partial.replace(path)
+            write_whole(path, '\n'.join(lines) + '\n')

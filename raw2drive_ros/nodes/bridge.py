@@ -21,6 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 from msg_adapters.commands import decision_to_message
 from msg_adapters.diagnostics import OK, WARN
 from msg_adapters.factory import RclpyFactory
+from raw2drive_ros.artifact import write_whole
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import NodeError, UnknownScenarioError, UnknownWeatherError
 from raw2drive_ros.contracts.public import Decision
@@ -332,10 +333,7 @@ class BridgeNode(Node):
             return
         timing = timing_of(list(self.tick_ms), self.losses.total)
         timing['commands_missed'] = self.commands.policy.missed
-        target = Path(self.p['result_file'])
-        partial = target.with_suffix('.partial')
-        partial.write_text(json.dumps({'routes': list(self.results), 'timing': timing}))
-        partial.replace(target)
+        write_whole(Path(self.p['result_file']), json.dumps({'routes': list(self.results), 'timing': timing}))
 
 
 def _whole_number(value: int) -> None:
