@@ -23,7 +23,7 @@ import numpy as np
 import rclpy
 from msg_adapters.factory import RclpyFactory
 from msg_adapters.sensors import fill_image, new_image
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.nodes.quality import make_publisher
 from raw2drive_ros.nodes.transport import configure_transport
 configure_transport()

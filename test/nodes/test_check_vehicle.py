@@ -68,7 +68,7 @@ WATCH = """
 import time
 import rclpy
 from msg_adapters.sensors import odometry_from_message
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription
 from raw2drive_ros.nodes.transport import configure_transport
 configure_transport()

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 WATCH = """
 import rclpy
 from msg_adapters.sensors import odometry_from_message
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription
 from raw2drive_ros.nodes.transport import configure_transport
 configure_transport()

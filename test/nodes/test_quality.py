@@ -14,7 +14,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from nav_msgs.msg import Odometry
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription, message_class
 from raw2drive_ros.nodes.runtime import spin
 from raw2drive_ros.nodes.transport import configure_transport

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RclpyFactory
 from msg_adapters.sensors import odometry_to_message
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.public import Control, Decision, OdometrySample
 from raw2drive_ros.nodes.quality import make_publisher
 from raw2drive_ros.nodes.transport import configure_transport

@@ -30,7 +30,7 @@ import sys, time
 from pathlib import Path
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.sensors import odometry_to_message
-from raw2drive_ros import topics
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.public import OdometrySample
 from raw2drive_ros.recording.recorder import Recording
 factory = RosbagsFactory()
