@@ -24,11 +24,13 @@ lint: $(STAMP)
 types: $(STAMP)
 	$(BIN)/python -m mypy
 
-# Lines that no test runs are counted, also those of nodes and workers in processes of their own.
+# Two at a time, then those with a ROS graph one by one. Lines that no test runs are counted, also those of nodes in
+# processes of their own.
 unit: $(STAMP)
 	rm -rf .coverage
 	mkdir .coverage
-	$(BIN)/python -m coverage run -m pytest -q test
+	$(BIN)/python -m coverage run -m pytest -q -n 2 --dist loadfile -m 'not long and not graph' test
+	$(BIN)/python -m coverage run -m pytest -q -m 'graph and not long' test
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 

@@ -63,6 +63,7 @@ setup(
         ],
         'test': [
             'pytest>=8',
+            'pytest-xdist>=3.6',
             'hypothesis>=6',
             'mypy>=1.10',
             'ruff>=0.6',

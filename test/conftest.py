@@ -18,6 +18,17 @@ from raw2drive_ros.training.run import train
 torch.set_num_threads(1)
 cv2.setNumThreads(1)
 
+# What runs ROS graphs: process by process, alone on the machine, because nodes in real time share it with nobody.
+GRAPH_TESTS = ('test/nodes/', 'test/carla_vehicle/test_bridge.py', 'test/evaluation/test_soak.py')
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def pytest_collection_modifyitems(items) -> None:
+    for item in items:
+        if item.path.relative_to(ROOT).as_posix().startswith(GRAPH_TESTS):
+            item.add_marker('graph')
+
+
 NANO = {'threads': 1, 'log_every': 5, 'picture_every': 100, 'checkpoint_every': 5}
 
 
