@@ -1,5 +1,6 @@
 """Random damage to what users hand in: bags, messages, YAML, bundles, routes. Each gives one clear error at most."""
 
+import json
 import shutil
 
 import pytest
@@ -164,10 +165,20 @@ def test_a_damaged_bundle_is_refused(bundle, tmp_path_factory, name, damage, cut
     before = file.read_bytes()
     after = hurt(before, damage, cut)
     file.write_bytes(after)
-    if after == before:
+    if after == before or (name == 'bundle.json' and decides_the_same(before, after)):
+        load_bundle(folder)
         return
     with pytest.raises(BundleError):
         load_bundle(folder)
+
+
+def decides_the_same(before: bytes, after: bytes) -> bool:
+    """Other white space, or other metadata, which the identity leaves out: no damage to what drives."""
+    try:
+        old, new = (json.loads(text) for text in (before, after))
+    except ValueError:
+        return False
+    return isinstance(new, dict) and old | {'facts': None} == new | {'facts': None} and 'facts' in new
 
 
 @pytest.mark.parametrize('seed', ['²', '٣', '9' * 5000, ''])
