@@ -27,6 +27,11 @@ node, factory = rclpy.create_node('probe'), RclpyFactory()
 outputs = {name: make_publisher(node, name) for name in (topics.ODOMETRY, topics.PROPOSED)}
 client = node.create_client(Trigger, '/recorder/save')
 assert client.wait_for_service(30.0)
+# The gate may hear a proposal, and stop, before the recorder has discovered the topic.
+deadline = time.monotonic() + 30.0
+while min(output.get_subscription_count() for output in outputs.values()) < 2:
+    assert time.monotonic() < deadline, 'gate and recorder have not discovered the probe'
+    rclpy.spin_once(node, timeout_sec=0.05)
 deadline = time.monotonic() + 3.0
 while time.monotonic() < deadline:
     now_ns = node.get_clock().now().nanoseconds
