@@ -169,7 +169,16 @@ def test_the_process_of_a_node_loads_no_more_than_it_needs(node, unneeded) -> No
 
 
 @pytest.mark.parametrize(
-    'module', ['raw2drive_ros.contracts.privileged', 'msg_adapters.privileged', 'raw2drive_ros.simulation.world']
+    'module',
+    [
+        'raw2drive_ros.contracts.privileged',
+        'msg_adapters.privileged',
+        'raw2drive_ros.simulation.world',
+        'raw2drive_ros.training.privileged',
+        'raw2drive_ros.recording.bag_reader',
+        'raw2drive_ros.world_model.teacher',
+        'raw2drive_ros.world_model.mask_codec',
+    ],
 )
 def test_the_planner_process_cannot_import_privileged_code(module) -> None:
     result = run_python(f'import raw2drive_ros.nodes.planner, importlib; importlib.import_module({module!r})')

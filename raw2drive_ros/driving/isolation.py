@@ -17,6 +17,10 @@ FORBIDDEN = (
     'raw2drive_ros.training',
     'raw2drive_ros.evaluation',
     'raw2drive_ros.recording',
+    # The privileged networks, what reads their runs, and the codec of the masks that they see.
+    'raw2drive_ros.world_model.teacher',
+    'raw2drive_ros.world_model.run_files',
+    'raw2drive_ros.world_model.mask_codec',
 )
 
 
