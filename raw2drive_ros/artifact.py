@@ -10,8 +10,9 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 WEIGHTS = 'weights.safetensors'
 CARD = 'MODEL_CARD.md'
 MAX_WEIGHT_BYTES = 2_000_000_000
+LEFT_BEHIND_S = 24 * 3600.0
 
 
 def short_hash(data: bytes) -> str:
@@ -43,20 +45,55 @@ def write_whole(target: Path, content: str | bytes) -> Path:
 
 
 @contextmanager
-def whole_folder(target: Path) -> Iterator[Path]:
-    """Yields an empty folder to fill, which replaces `target` if the block ends without an error, else is deleted."""
-    partial, old = partial_name(target), _old_name(target)
+def whole_folder(target: Path, *, keep_existing: bool = False) -> Iterator[Path]:
+    """Yields an empty folder to fill, which replaces `target` if the block ends without an error, else is deleted.
+
+    A link to a folder stays a link. keep_existing: for what has the same content whoever writes it; a folder that
+    another process finished meanwhile stays, because somebody may be reading it. Raises NotADirectoryError, before
+    anything is written, where `target` is a file.
+    """
+    target = target.resolve() if target.is_symlink() else target
+    if target.exists() and not target.is_dir():
+        raise NotADirectoryError(f'{target}: is a file, and a folder is to be written there')
+    partial = partial_name(target)
+    _sweep(target)
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     try:
         yield partial
-        restore_folder(target)
-        if target.exists():
-            target.replace(old)
-        partial.replace(target)
-        shutil.rmtree(old, ignore_errors=True)
+        if keep_existing:
+            _place(partial, target)
+        else:
+            _swap(partial, target)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def _swap(partial: Path, target: Path) -> None:
+    old = _old_name(target)
+    restore_folder(target)
+    if target.exists():
+        target.replace(old)
+    partial.replace(target)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _place(partial: Path, target: Path) -> None:
+    try:
+        partial.replace(target)
+    except OSError:
+        # Renaming onto a folder that holds something fails: the other process was first.
+        if not target.is_dir():
+            raise
+
+
+def _sweep(target: Path) -> None:
+    """Delete what killed writers of `target` left long ago; a younger one may belong to another machine's process."""
+    for left in target.parent.glob(f'.{target.name}.*.partial'):
+        with suppress(FileNotFoundError):
+            # Its writer may finish at this moment.
+            if time.time() - left.stat().st_mtime > LEFT_BEHIND_S:
+                shutil.rmtree(left, ignore_errors=True)
 
 
 def restore_folder(target: Path) -> None:

@@ -1,8 +1,10 @@
 """Folders and files that are whole or not there, whenever their writer is killed."""
 
+import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 import torch
@@ -61,6 +63,58 @@ def test_a_kill_between_the_renames_keeps_the_predecessor(tmp_path) -> None:
     (tmp_path / '.best.old').mkdir()
     restore_folder(target)
     assert names(tmp_path) == ['best']
+
+
+def test_a_file_in_the_place_of_the_folder_is_left_alone(tmp_path) -> None:
+    (tmp_path / 'bundle').write_text('mine')
+    for _ in range(2):
+        with pytest.raises(NotADirectoryError, match='is a file'), whole_folder(tmp_path / 'bundle') as folder:
+            fill(folder, 'never')
+    assert (tmp_path / 'bundle').read_text() == 'mine'
+    assert names(tmp_path) == ['bundle']
+
+
+def test_a_link_to_a_folder_stays_a_link(tmp_path) -> None:
+    (tmp_path / 'disk').mkdir()
+    (tmp_path / 'link').symlink_to(tmp_path / 'disk')
+    for text in ('first', 'second'):
+        with whole_folder(tmp_path / 'link') as folder:
+            fill(folder, text)
+    assert (tmp_path / 'link').is_symlink()
+    assert (tmp_path / 'disk' / 'content').read_text() == 'second'
+    assert names(tmp_path) == ['disk', 'link']
+
+
+def test_what_a_killed_writer_left_goes_after_a_day(tmp_path) -> None:
+    old, young = (tmp_path / f'.bundle.{pid}.partial' for pid in (1, 2))
+    for left, age_s in ((old, 25 * 3600), (young, 3600)):
+        left.mkdir()
+        os.utime(left, (time.time() - age_s,) * 2)
+    with whole_folder(tmp_path / 'bundle') as folder:
+        fill(folder, 'whole')
+    assert names(tmp_path) == [young.name, 'bundle']
+
+
+BUILDERS = """
+import sys
+from pathlib import Path
+from raw2drive_ros.artifact import whole_folder
+for number in range(300):
+    target = Path(sys.argv[1]) / str(number)
+    if not target.is_dir():
+        with whole_folder(target, keep_existing=True) as folder:
+            for name in range(5):
+                (folder / str(name)).write_text('same')
+    assert len([(target / str(name)).read_text() for name in range(5)]) == 5
+"""
+
+
+def test_two_builders_of_one_cache_do_not_disturb_each_other(tmp_path) -> None:
+    command = [sys.executable, '-c', BUILDERS, str(tmp_path)]
+    processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(3)]
+    errors = [process.communicate()[1] for process in processes]
+    assert errors == ['', '', '']
+    assert names(tmp_path) == sorted(str(number) for number in range(300))
 
 
 KILLED = """

@@ -160,6 +160,10 @@ def failures_by_type(run: Path, index: int) -> dict[str, float]:
 def keep_if_best(run: Path, checkpoint: Path, score: dict[str, Any]) -> bool:
     """Copy a checkpoint to `run/best` when its `driving_score` beats that of the one there."""
     best = run / BEST
+    # What version 0.2 called the folder that it was replacing when it was killed.
+    before = run / f'{BEST}.old'
+    if before.is_dir() and not best.is_dir():
+        before.replace(best)
     restore_folder(best)
     if best.is_dir() and score['driving_score'] <= json.loads((best / 'score.json').read_text())['driving_score']:
         return False

@@ -48,7 +48,7 @@ def save_checkpoint(folder: Path, trainer: Trainer, replay: Replay, extra: dict[
         save_file(_tensors(trainer), partial / TENSORS)
         (partial / STATE).write_text(json.dumps(state))
     old = sorted(p for p in folder.iterdir() if p.name.isdigit())[:-KEEP]
-    for path in [*old, *folder.glob('*.partial')]:
+    for path in [*old, *folder.glob('*.partial'), *folder.glob('.*.old')]:
         shutil.rmtree(path, ignore_errors=True)
     return target
 

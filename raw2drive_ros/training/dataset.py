@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,7 +105,10 @@ def _build(path: Path, folder: Path, codec: MaskCodec, *, cameras: bool) -> None
             wanted += [topics.image_topic(c) for c in topics.CAMERAS if c not in held]
         require_topics(reader, path, wanted, purpose)
         count = next(c.msgcount for c in reader.connections if c.topic == topics.TRANSITION)
-        with whole_folder(folder) as partial:
+        if folder.is_dir() and not (folder / 'episodes.json').is_file():
+            # Somebody has taken files away: what is written whole has all of them.
+            shutil.rmtree(folder)
+        with whole_folder(folder, keep_existing=True) as partial:
             written, episodes = _fill(reader, path, partial, codec, count, cameras=cameras)
             if written == 0:
                 raise BagError(f'{path}: holds no complete tick')
