@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from raw2drive_ros.evaluation.drivers import driver_help
+from raw2drive_ros.evaluation.drivers import driver_help, driver_list
 from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, get_weather
 
 EXAMPLES = """examples:
@@ -16,6 +16,7 @@ EXAMPLES = """examples:
   raw2drive collect --driver expert --table --routes 'all,ParkedObstacle*3' --no-cameras --out runs/bags/parked
 
 The bags hold the same topics as those of `raw2drive record`."""
+EXAMPLES += f'\n\n{driver_list()}'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

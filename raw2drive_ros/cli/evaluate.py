@@ -8,7 +8,7 @@ from pathlib import Path
 
 from raw2drive_ros.cli.deprecation import warn_old
 from raw2drive_ros.cli.route_options import add_route_arguments, chosen_routes
-from raw2drive_ros.evaluation.drivers import DRIVERS, driver_help
+from raw2drive_ros.evaluation.drivers import DRIVERS, driver_help, driver_list
 
 EXAMPLES = """examples:
   raw2drive evaluate --driver raw --routes lane-following --seeds 20 --json
@@ -24,6 +24,7 @@ Then compare: raw2drive report runs/expert.jsonl runs/rule.jsonl --out report.ht
 Seeds 0, 1, ... are evaluation routes, 50000, ... validation routes (choose checkpoints there); training
 bags use seeds from 100000 on. Repetition 0 is the route as drawn; others start up to a metre, a few
 decimetres and half a metre per second beside it, with other sensor noise."""
+EXAMPLES += f'\n\n{driver_list()}'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -115,7 +116,8 @@ def _run_faults(options: argparse.Namespace) -> int:
     from raw2drive_ros.contracts.errors import UsageError
 
     warn_old('evaluate --faults PLANS', 'raw2drive evaluate faults --plans PLANS')
-    if options.driver != 'raw' or options.graph or options.blind:
+    others = (options.graph, options.blind, options.table, options.bench2drive_compat, options.quirks)
+    if options.driver != 'raw' or any(others):
         raise UsageError('--faults is for driver raw, in process and with open eyes')
     options.plans = options.faults
     return evaluate_faults.run(options)

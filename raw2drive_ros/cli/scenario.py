@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--weather', default='ClearNoon', help='weather preset of the camera images')
     parser.add_argument('--repetition', type=int, default=0, help='0 is the route as drawn')
-    parser.add_argument('--driver', default='rule', help=f'who drives: {driver_help()}')
+    parser.add_argument('--driver', default='rule', help=f'who drives: {driver_help()} (default: rule)')
     parser.add_argument('--against', default='constant', help='reward: another driver (default: constant)')
     parser.add_argument('--bundle', type=Path, help='policy bundle of driver raw (default: the shipped one)')
     parser.add_argument(

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from raw2drive_ros.contracts.errors import UnknownDriverError
-from raw2drive_ros.settings import default_teacher
 
 if TYPE_CHECKING:
     from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
@@ -30,11 +29,10 @@ class DriverOptions:
 
 @dataclass(frozen=True, slots=True)
 class DriverEntry:
-    """about: one line for people. learned: has weights. table: its commands are actions of the policy's table."""
+    """about: one line for people. table: its commands are actions of the policy's table."""
 
     make: Callable[[DriverOptions], EpisodeDriver]
     about: str
-    learned: bool = False
     table: bool = False
 
 
@@ -50,6 +48,7 @@ def _raw(options: DriverOptions) -> EpisodeDriver:
 
 def _privileged(options: DriverOptions) -> EpisodeDriver:
     from raw2drive_ros.evaluation.privileged_driver import PrivilegedDriver
+    from raw2drive_ros.settings import default_teacher
 
     if options.run is None and not default_teacher().is_dir():
         raise UnknownDriverError(f'driver privileged needs --run: the shipped teacher is not at {default_teacher()}')
@@ -95,9 +94,9 @@ def _random(options: DriverOptions) -> EpisodeDriver:
 
 
 DRIVERS = {
-    'raw': DriverEntry(_raw, 'the raw policy on cameras, IMU, odometry and route', learned=True, table=True),
-    'privileged': DriverEntry(_privileged, 'the stage-1 policy on BEV masks', learned=True, table=True),
-    'expert': DriverEntry(_expert, 'rehearses its plans in a fork of the simulation'),
+    'raw': DriverEntry(_raw, 'the raw policy on cameras, IMU, odometry and route', table=True),
+    'privileged': DriverEntry(_privileged, 'the stage-1 policy on BEV masks', table=True),
+    'expert': DriverEntry(_expert, 'tries its plans out in forks of the simulation'),
     'rule': DriverEntry(_rule, 'rules on the simulation: leaders, conflicts, lights, signs'),
     'idm': DriverEntry(_idm, 'IDM and MOBIL on the simulation'),
     'constant': DriverEntry(_constant, 'a constant speed along the route, whatever is ahead'),
@@ -110,6 +109,11 @@ DRIVER_NAMES = tuple(DRIVERS)
 def driver_help() -> str:
     """The names in a sentence, for `--driver`."""
     return f'{", ".join(DRIVER_NAMES[:-1])} or {DRIVER_NAMES[-1]}'
+
+
+def driver_list() -> str:
+    """Every driver with its line, for the end of a verb's `--help`."""
+    return 'drivers:\n' + '\n'.join(f'  {name:11s} {entry.about}' for name, entry in DRIVERS.items())
 
 
 def make_driver(

@@ -15,6 +15,8 @@ from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.run_files import read_run
 from raw2drive_ros.world_model.streams import Share
 
+HEADS = {'reward', 'continue'}
+
 
 class TrainConfig(Strict):
     """Hyperparameters of both stages. Loss weights follow the paper where it gives them."""
@@ -82,15 +84,11 @@ class TrainConfig(Strict):
     @classmethod
     def _share_of_both(cls, given: Any) -> Any:
         """Runs of version 0.2 have one field, `share`, for both the RSSM and the decoder."""
-        if isinstance(given, dict) and 'share' in given:
-            given = {name: value for name, value in given.items() if name != 'share'} | dict.fromkeys(
-                ('share_rssm', 'share_decoder'), given['share']
-            )
-        return given
+        return _with_both_shares(given) if isinstance(given, dict) else given
 
     @model_validator(mode='after')
     def _imagination_has_heads(self) -> TrainConfig:
-        if not self.head_guidance and set(self.raw_heads) != {'reward', 'continue'}:
+        if not self.head_guidance and set(self.raw_heads) != HEADS:
             raise ValueError(
                 'head_guidance=false needs raw_heads=[reward,continue]: imagined steps need both predictions'
             )
@@ -118,23 +116,40 @@ class RunConfig(Strict):
         return torch.tensor(weights).repeat_interleave(self.model.patch**2)
 
 
+def _with_both_shares(given: dict[str, Any]) -> dict[str, Any]:
+    """`share` as the two fields that it stands for; where one of them is given too, that one counts."""
+    if 'share' not in given:
+        return given
+    both = dict.fromkeys(('share_rssm', 'share_decoder'), given['share'])
+    return both | {name: value for name, value in given.items() if name != 'share'}
+
+
 def read_run_config(run: Path) -> RunConfig:
-    """The configuration of an existing run. Raises CheckpointError."""
+    """The configuration of an existing run. Raises CheckpointError.
+
+    Version 0.2 ignored `head_guidance: false` without both raw heads; such a run is read as what it did.
+    """
+    body = read_run(run)['config']
+    train = body.get('train')
+    if isinstance(train, dict) and len(train.get('raw_heads') or ()) < len(HEADS):
+        body = body | {'train': train | {'head_guidance': True}}
     try:
-        return RunConfig(**read_run(run)['config'])
-    except (ValueError, TypeError) as error:
+        return RunConfig(**body)
+    except ValidationError as error:
+        raise CheckpointError(f'{run}: its configuration is not that of a run: {problems(error)}') from error
+    except TypeError as error:
         raise CheckpointError(f'{run}: its configuration is not that of a run: {error}') from error
 
 
 def make_config(preset: str, overrides: dict[str, Any] | None = None) -> RunConfig:
     """A preset with `train` fields replaced. Raises ConfigError that names the field."""
     raw = load_preset(preset)
-    return _checked(preset, raw['model'], raw.get('train', {}) | (overrides or {}))
+    return _checked(preset, raw['model'], raw.get('train', {}) | _with_both_shares(overrides or {}))
 
 
 def overridden(config: RunConfig, overrides: dict[str, Any]) -> RunConfig:
     """The same configuration with `train` fields replaced; the preset is not read again. Raises ConfigError."""
-    return _checked(config.preset, config.model.model_dump(), config.train.model_dump() | overrides)
+    return _checked(config.preset, config.model.model_dump(), config.train.model_dump() | _with_both_shares(overrides))
 
 
 def _checked(preset: str, model: dict[str, Any], train: dict[str, Any]) -> RunConfig:

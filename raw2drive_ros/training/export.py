@@ -6,13 +6,16 @@ import json
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from raw2drive_ros.contracts.errors import CheckpointError
 from raw2drive_ros.driving.bundle import save_bundle
+from raw2drive_ros.settings import problems
 from raw2drive_ros.training.checkpoint import load_weights
 from raw2drive_ros.training.config import RunConfig, read_run_config
 from raw2drive_ros.training.dataset import rig_of
 from raw2drive_ros.training.raw import RawTrainer
-from raw2drive_ros.world_model.run_files import BEST, CHECKPOINTS, newest_checkpoint, read_run, run_of
+from raw2drive_ros.world_model.run_files import BEST, CHECKPOINTS, checkpoint_of, newest_checkpoint, read_run, run_of
 from raw2drive_ros.world_model.teacher import METADATA, is_bundle, load_teacher, read_manifest, save_teacher
 
 
@@ -62,10 +65,16 @@ def training_metadata(source: Path) -> dict[str, Any]:
         'training_bags': [bag['id'] for bag in bags],
     }
     score = run / BEST / 'score.json'
-    if score.is_file():
+    # Of that checkpoint and of no other.
+    if score.is_file() and checkpoint_of(source) == run / BEST:
         metadata['validation'] = json.loads(score.read_text())
     return metadata
 
 
 def _config_of(source: Path) -> RunConfig:
-    return RunConfig(**read_manifest(source)['config']) if is_bundle(source) else read_run_config(run_of(source))
+    if not is_bundle(source):
+        return read_run_config(run_of(source))
+    try:
+        return RunConfig(**read_manifest(source)['config'])
+    except ValidationError as error:
+        raise CheckpointError(f'{source}: damaged teacher bundle: {problems(error)}') from error

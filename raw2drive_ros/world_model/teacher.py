@@ -112,8 +112,12 @@ def read_manifest(path: Path) -> dict[str, Any]:
     """`teacher.json` of a bundle. Raises CheckpointError."""
     try:
         body: dict[str, Any] = json.loads((path / MANIFEST).read_text())
+        if not isinstance(body.get('config'), dict) or not isinstance(body.get(METADATA), dict):
+            raise TypeError('config and facts have to be tables')
         check_manifest(path, body, 'teacher', FORMAT, {'action_table': table_hash()}, CheckpointError)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except CheckpointError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise CheckpointError(f'{path}: damaged teacher bundle: {error}') from error
     return body
 
@@ -124,10 +128,12 @@ def _untrained(config: dict[str, Any], source: Path) -> Teacher:
         model, train = ModelConfig(**config['model']), config['train']
         advised = float(train.get('weight_advice', 0.0)) > 0.0
         gamma = float(train['gamma'])
-    except (ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f'{source}: not the configuration of a stage-1 run: {error}') from error
-    networks = PrivilegedWorldModel(model, EGO_SIZE, ACTION_COUNT, advised=advised)
-    return Teacher(model, networks, Policy(model, ACTION_COUNT), gamma)
+        networks = PrivilegedWorldModel(model, EGO_SIZE, ACTION_COUNT, advised=advised)
+        return Teacher(model, networks, Policy(model, ACTION_COUNT), gamma)
+    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RuntimeError, IndexError) as error:
+        # Whatever impossible sizes lead to when networks are built.
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise CheckpointError(f'{source}: not the configuration of a stage-1 run: {reason}') from error
 
 
 def _load_bundle(path: Path) -> Teacher:
@@ -139,7 +145,9 @@ def _load_bundle(path: Path) -> Teacher:
             tensors[key.replace('.fast.', '.slow.')] = tensors[key]
         load_modules(path / WEIGHTS, tensors, teacher.modules())
         teacher.steps = int(body['steps'])
-    except (OSError, ValueError, KeyError, SafetensorError) as error:
+    except CheckpointError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, SafetensorError) as error:
         raise CheckpointError(f'{path}: damaged teacher bundle: {str(error).splitlines()[0]}') from error
     return teacher
 

@@ -12,6 +12,12 @@ from raw2drive_ros.cli.main import main
     [
         (['sim', '--list'], 0, 'raw2drive scenario list'),
         (['sim', '--scenario', 'LaneFollowing', '--picture', 'PICTURE'], 0, 'raw2drive scenario show'),
+        (
+            ['evaluate', '--faults', 'PLANS', '--routes', 'LaneFollowing', '--seeds', '1'],
+            0,
+            'raw2drive evaluate faults',
+        ),
+        (['evaluate', '--faults', 'matrix', '--table'], 2, 'raw2drive evaluate faults'),
         (['evaluate', '--faults', 'matrix', '--seeds', '0'], 2, 'raw2drive evaluate faults --plans'),
         (['evaluate', '--driver', 'straight', '--seeds', '1', '--quirks'], 0, '--bench2drive-compat'),
         (['report', 'RESULTS', '--strips', '3', '--json'], 0, '--filmstrips'),
@@ -22,7 +28,9 @@ def test_an_old_spelling_works_and_warns(tmp_path, capsys, old, code, instead) -
     if 'RESULTS' in old:
         assert main(['evaluate', '--driver', 'straight', '--seeds', '1', '--out', str(results)]) == 0
         assert 'warning' not in capsys.readouterr().err, 'the new spelling does not warn'
-    places = {'PICTURE': str(tmp_path / 'scene.png'), 'RESULTS': str(results)}
+    plans = tmp_path / 'plans.yaml'
+    plans.write_text('plans: {odometry lost: [{topic: /vehicle/odometry, kind: drop}]}\n')
+    places = {'PICTURE': str(tmp_path / 'scene.png'), 'RESULTS': str(results), 'PLANS': str(plans)}
     assert main([places.get(word, word) for word in old]) == code
     warning = capsys.readouterr().err.splitlines()[0]
     assert warning.startswith('warning: ')

@@ -1,13 +1,14 @@
 """Every ablation switch changes its own loss and no other; a switch that no code reads fails here."""
 
+import json
 import math
 
 import pytest
 import torch
 
-from raw2drive_ros.contracts.errors import ConfigError
+from raw2drive_ros.contracts.errors import CheckpointError, ConfigError
 from raw2drive_ros.recording.bag_reader import find_bags
-from raw2drive_ros.training.config import RunConfig, TrainConfig, make_config
+from raw2drive_ros.training.config import RunConfig, TrainConfig, make_config, overridden, read_run_config
 from raw2drive_ros.training.dataset import load_bags, rig_of
 from raw2drive_ros.training.guidance import observe_pair
 from raw2drive_ros.training.privileged import PrivilegedTrainer
@@ -153,3 +154,26 @@ def test_independent_sampling_is_independent(teacher_run) -> None:
     assert agreement(rssm, 'raw', 0)[0] == 1.0
     with pytest.raises(ValueError, match='uniforms of its own'):
         observe_pair(rssm, rssm, *[torch.zeros(1, 1, 1)] * 4, torch.zeros(1, 1, 1), 'independent')
+
+
+def stored_run(tmp_path, **train):
+    """A run folder whose configuration has other `train` fields than today's defaults."""
+    body = make_config('nano').model_dump(mode='json')
+    body['train'] |= train
+    (tmp_path / 'config.json').write_text(json.dumps({'config': body}))
+    return tmp_path
+
+
+def test_an_old_run_without_heads_is_read_as_what_it_did(tmp_path) -> None:
+    assert read_run_config(stored_run(tmp_path, head_guidance=False, raw_heads=['reward'])).train.head_guidance
+    assert not read_run_config(stored_run(tmp_path, head_guidance=False, **HEADS)).train.head_guidance
+    with pytest.raises(CheckpointError, match=r'train\.gamma') as error:
+        read_run_config(stored_run(tmp_path, gamma='much'))
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_what_is_said_of_one_part_counts_beside_share() -> None:
+    both = make_config('nano', {'share': 'tied', 'share_decoder': 'none'}).train
+    assert (both.share_rssm, both.share_decoder) == ('tied', 'none')
+    later = overridden(make_config('nano', {'share_rssm': 'none'}), {'share': 'tied'}).train
+    assert (later.share_rssm, later.share_decoder) == ('tied', 'tied')

@@ -15,7 +15,7 @@ from raw2drive_ros.evaluation.routes import weighted_types
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_advice
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.training.dataset import RosbagsFactory
-from raw2drive_ros.training.export import export_teacher
+from raw2drive_ros.training.export import export_teacher, training_metadata
 from raw2drive_ros.training.recipe import Collection, Recipe, load_recipe
 from raw2drive_ros.world_model.run_files import newest_checkpoint
 from raw2drive_ros.world_model.teacher import load_teacher, teacher_identity
@@ -170,3 +170,32 @@ def test_weighted_types_are_repeated() -> None:
     for wrong in ('ParkedObstacle*', 'ParkedObstacle*0', 'ParkedObstacle*x'):
         with pytest.raises(UnknownScenarioError, match='whole number'):
             weighted_types(wrong)
+
+
+@pytest.mark.parametrize(
+    'damage',
+    [
+        lambda body: body['config'].update(train=[]),
+        lambda body: body['config']['model'].update(deter=0),
+        lambda body: body['config']['model'].update(blocks=7),
+        lambda body: body.update(steps=None),
+        lambda body: body.update(config=[]),
+        lambda body: body.pop('facts'),
+        lambda body: body.update(action_table='x'),
+    ],
+)
+def test_a_damaged_teacher_manifest_is_one_clear_error(run, tmp_path, damage) -> None:
+    export_teacher(run, tmp_path / 'teacher')
+    manifest = tmp_path / 'teacher' / 'teacher.json'
+    body = json.loads(manifest.read_text())
+    damage(body)
+    manifest.write_text(json.dumps(body))
+    with pytest.raises(CheckpointError) as error:
+        load_teacher(tmp_path / 'teacher')
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_the_validation_of_a_card_is_of_the_checkpoint_that_is_exported(run) -> None:
+    assert ('validation' in training_metadata(run)) == (run / 'best').is_dir()
+    newest = newest_checkpoint(run / 'checkpoints')
+    assert 'validation' not in training_metadata(newest)
