@@ -49,4 +49,4 @@ build: $(STAMP)
 	$(BIN)/python -m colcon build --packages-select raw2drive_ros
 
 clean:
-	rm -rf $(VENV) build install log runs mutants
+	rm -rf $(VENV) build install log runs mutants .coverage

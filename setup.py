@@ -67,7 +67,7 @@ setup(
             'hypothesis>=6',
             'mypy>=1.10',
             'ruff>=0.6',
-            'coverage>=7',
+            'coverage>=7.10',
             'mutmut>=3.8,<4',
             'types-PyYAML',
             CARLA,

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 from raw2drive_ros.evaluation.results import Results, read_results
 from raw2drive_ros.evaluation.statistics import compare, summary
 from raw2drive_ros.training.recipe import load_recipe
+from raw2drive_ros.world_model.run_files import checkpoint_of
 
 SUITE = 'validation'
 
@@ -61,7 +62,7 @@ def train(name: str, options: argparse.Namespace, run: Path) -> None:
 
 def drive(run: Path, results: Path, workers: int) -> Results:
     """Drive the suite with the newest checkpoint; rows of routes that were driven already are kept."""
-    newest = max((run / 'checkpoints').iterdir(), key=lambda path: int(path.name))
+    newest = checkpoint_of(run)
     command = ['evaluate', '--driver', 'privileged', '--run', str(newest), '--suite', SUITE, '--workers', str(workers)]
     call([*command, '--out', str(results), '--json'])
     return read_results(results)

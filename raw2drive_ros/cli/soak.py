@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.evaluation.soak import drop_half_line, read_samples, totals
-    from raw2drive_ros.graph.soak import SoakPlan, soak
+    from raw2drive_ros.graph.soak import SAMPLES, SoakPlan, soak
     from raw2drive_ros.progress import bar
     from raw2drive_ros.settings import default_bundle
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     if options.graphs < 1 or (options.graphs > 1 and options.domain is not None):
         raise UsageError('--graphs must be at least 1, and several graphs choose their domains themselves')
     options.out.mkdir(parents=True, exist_ok=True)
-    file = options.out / 'samples.jsonl'
+    file = options.out / SAMPLES
     drop_half_line(file)
     before = read_samples(file)
     missing_h = options.hours - totals(before)['simulated_h']

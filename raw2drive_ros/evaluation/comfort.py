@@ -17,7 +17,7 @@ from raw2drive_ros.tables.rates import PHYSICS_HZ
 
 SEGMENT = 20
 WINDOW, ORDER = 7, 2
-QUIRK_STEP_S = 0.1
+COMPAT_STEP_S = 0.1
 LONGITUDINAL_MPS2 = (-4.05, 2.40)
 LATERAL_MPS2 = 4.89
 JERK_MPS3 = 8.37
@@ -48,7 +48,7 @@ def comfort_percent(motion: Float64, *, bench2drive_compat: bool = False) -> flo
     if count == 0:
         return None
     segments = np.asarray(motion[: count * SEGMENT]).reshape(count, SEGMENT, 3).transpose(2, 0, 1)
-    step_s = QUIRK_STEP_S if bench2drive_compat else 1.0 / PHYSICS_HZ
+    step_s = COMPAT_STEP_S if bench2drive_compat else 1.0 / PHYSICS_HZ
     smooth, slope = savitzky_golay(0).T, savitzky_golay(1).T / step_s
     longitudinal, lateral = segments[0] @ smooth, segments[1] @ smooth
     rate = np.degrees(segments[2]) if bench2drive_compat else segments[2]

@@ -19,7 +19,7 @@ from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.progress import bar
 from raw2drive_ros.training.recipe import Collection, Recipe
 from raw2drive_ros.training.run import RunFolder, train
-from raw2drive_ros.world_model.run_files import BEST, newest_checkpoint
+from raw2drive_ros.world_model.run_files import BEST, CHECKPOINTS, newest_checkpoint
 
 POLL_S = 1.0
 DONE = 'collected.json'
@@ -78,7 +78,7 @@ def run_recipe(recipe: Recipe, run: Path, cache: Path, overrides: dict[str, Any]
     """All rounds that are not done yet. Raises CheckpointError, BagError, ConfigError or ResultsError."""
     for index in range(len(recipe.rounds)):
         title = f'round {index + 1} of {len(recipe.rounds)}'
-        newest = newest_checkpoint(run / 'checkpoints')
+        newest = newest_checkpoint(run / CHECKPOINTS)
         trained = int(newest.name) if newest else 0
         total = recipe.total_steps(index)
         if trained < total:
@@ -101,7 +101,7 @@ def _collect(recipe: Recipe, index: int, run: Path, seed: int, workers: int, tit
         jobs = []
         for collection, number, target in now:
             driver_seed = recipe.seed(seed, index, number)
-            newest = newest_checkpoint(run / 'checkpoints') or run
+            newest = newest_checkpoint(run / CHECKPOINTS) or run
             failed = failures_by_type(run, index) if collection.focus else {}
             arguments = collection.arguments(recipe, driver_seed, newest, target, failed)
             jobs.append(Job(arguments, run / 'logs' / f'{target.name}.log'))
@@ -129,7 +129,7 @@ def _train(recipe: Recipe, index: int, run: Path, cache: Path, overrides: dict[s
 
 def _validate(recipe: Recipe, index: int, run: Path, workers: int, title: str) -> None:
     """Drive the validation suite; the best round so far is kept as `best`."""
-    newest = newest_checkpoint(run / 'checkpoints')
+    newest = newest_checkpoint(run / CHECKPOINTS)
     if newest is None or int(newest.name) != recipe.total_steps(index):
         return
     results = run / 'validation' / f'round_{index + 1:02d}.jsonl'

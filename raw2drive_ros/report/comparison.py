@@ -24,7 +24,7 @@ from raw2drive_ros.evaluation.statistics import (
 from raw2drive_ros.report.charts import MAX_RUNS, PALETTE, grouped_bars
 from raw2drive_ros.report.failures import failures_of
 
-DEFAULT_STRIPS = 40
+DEFAULT_FILMSTRIPS = 40
 # With more runs than this, tables are set more tightly.
 ROOMY_RUNS = 4
 OPPOSITE = {'yes': 'no', 'no': 'yes', 'undecided': 'undecided'}
@@ -66,7 +66,7 @@ def statistics_of(paths: Sequence[Path], runs: Sequence[Results]) -> dict[str, A
     }
 
 
-def write_comparison(target: Path, paths: Sequence[Path], max_strips: int = DEFAULT_STRIPS) -> Path:
+def write_comparison(target: Path, paths: Sequence[Path], max_filmstrips: int = DEFAULT_FILMSTRIPS) -> Path:
     """One self-contained HTML file. Raises ResultsError, OSError."""
     runs = read_all(paths)
     numbers = statistics_of(paths, runs)
@@ -86,10 +86,10 @@ def write_comparison(target: Path, paths: Sequence[Path], max_strips: int = DEFA
         types=sorted({name for run in numbers['runs'] for name in run['types']}),
         infraction_names=sorted({name for run in numbers['runs'] for name in run['infractions']}),
         matrix=_matrix(numbers),
-        failures=[failures_of(path, run, max_strips) for path, run in zip(paths, runs, strict=True)],
+        failures=[failures_of(path, run, max_filmstrips) for path, run in zip(paths, runs, strict=True)],
         succeeded=[[row for row in run.rows if row['success']] for run in runs],
         repeated=any(route.repetition for run in runs for route in run.wanted),
-        max_strips=max_strips,
+        max_filmstrips=max_filmstrips,
         crowded=len(runs) > ROOMY_RUNS,
         tone=tone,
         words=VERDICT_WORDS,

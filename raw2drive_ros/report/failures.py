@@ -35,8 +35,8 @@ def replay_command(driver: str, route: RouteId) -> str:
     return shlex.join(command)
 
 
-def failures_of(results_file: Path, results: Results, max_strips: int) -> list[Failure]:
-    """Worst first; at most `max_strips` of them with a picture."""
+def failures_of(results_file: Path, results: Results, max_filmstrips: int) -> list[Failure]:
+    """Worst first; at most `max_filmstrips` of them with a picture."""
     found: list[Failure] = []
     shown = 0
     for row in sorted((r for r in results.rows if not r['success']), key=lambda r: r['driving_score']):
@@ -44,7 +44,7 @@ def failures_of(results_file: Path, results: Results, max_strips: int) -> list[F
         picture, note = '', ''
         if not path.is_file():
             note = 'no picture was recorded'
-        elif shown >= max_strips:
+        elif shown >= max_filmstrips:
             note = f'picture left out of the page: {path.parent.name}/{path.name}'
         else:
             picture = base64.b64encode(path.read_bytes()).decode()

@@ -56,7 +56,7 @@ def test_shorter_than_a_segment_is_undefined() -> None:
     assert comfort_percent(np.zeros((0, 3))) is None
 
 
-def test_quirks_halve_jerk_and_take_degrees_for_radians() -> None:
+def test_bench2drive_compat_halves_jerk_and_take_degrees_for_radians() -> None:
     jerk = motion(longitudinal=lambda t: 6.0 * (t - 0.6))
     assert comfort_percent(jerk) == 0.0
     assert comfort_percent(jerk, bench2drive_compat=True) == 100.0

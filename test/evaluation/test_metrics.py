@@ -154,7 +154,7 @@ def test_repetitions_start_elsewhere_and_are_repeatable() -> None:
     assert len({row['reward'] for row in first['routes']}) == 3
 
 
-def test_a_failed_route_leaves_a_strip_of_pictures(tmp_path) -> None:
+def test_a_failed_route_leaves_a_filmstrip_of_pictures(tmp_path) -> None:
     from raw2drive_ros.report.filmstrip import FilmstripRecorder
 
     routes = [RouteId('BlockedIntersection', 0), RouteId('VanillaNonSignalizedTurn', 0)]

@@ -131,7 +131,7 @@ def test_worst_failures_come_first_and_pictures_are_capped(tmp_path) -> None:
     results = write(tmp_path / 'a.jsonl', 'rule', rows)
     for failed in rows[:5]:
         filmstrip(results, failed['id'])
-    text = write_comparison(tmp_path / 'r.html', [results], max_strips=2).read_text()
+    text = write_comparison(tmp_path / 'r.html', [results], max_filmstrips=2).read_text()
     assert text.count('data:image/jpeg;base64,') == 2
     assert '3 more are left out' in text
     assert 'a.filmstrips/Accident_0.jpg' in text

@@ -184,7 +184,7 @@ def test_running_a_stop_sign_is_an_infraction_and_stopping_is_not() -> None:
     assert env.criteria.events == {}
 
 
-def test_a_coarse_twin_stays_near_the_fine_one() -> None:
+def test_a_coarse_fork_stays_near_the_fine_one() -> None:
     """Two physics steps in one go: what drivers that look ahead may trade for time."""
     env = DrivingEnv(SimulationConfig(cameras=False, bev=False))
     env.reset(seed=1, options={'scenario': 'SignalizedJunctionLeftTurn'})

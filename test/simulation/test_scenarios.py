@@ -40,7 +40,7 @@ def test_driving_far_beyond_either_end_of_the_route_is_no_crash(reverse) -> None
     assert world.route.project(x, y, world.route_s_m)[0] == pytest.approx(world.route_s_m, abs=1.0)
 
 
-def test_a_twin_goes_its_own_way_and_leaves_the_world_alone() -> None:
+def test_a_fork_goes_its_own_way_and_leaves_the_world_alone() -> None:
     env = world_of('NonSignalizedJunctionLeftTurn', 1)
     world = env.world
     before = world.positions.copy()
