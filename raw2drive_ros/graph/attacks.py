@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from raw2drive_ros.contracts import topics
 
 if TYPE_CHECKING:
-    from raw2drive_ros.graph.attack import Scene
+    from raw2drive_ros.graph.attack_scene import Scene
 
 Make = Callable[['Scene'], Any]
 
@@ -186,13 +186,15 @@ def _freeze(name: str, seconds: float) -> Callable[[Scene], None]:
     return run
 
 
-def _second(node: str, topic: str) -> Callable[[Scene], None]:
-    """A second process of ours, which has the key: started twice by mistake. topic: what it publishes."""
+def _second(node: str) -> Callable[[Scene], None]:
+    """A second process of ours, which has the key: started twice by mistake."""
 
     def run(scene: Scene) -> None:
         scene.start(node, f'second_{node}')
         deadline = time.monotonic() + 25.0
-        while time.monotonic() < deadline and scene.watcher.publishers(topic) < 2:
+        log = scene.graph.folder / f'second_{node}.log'
+        while time.monotonic() < deadline and not log.stat().st_size:
+            # Its first line comes before its first message.
             time.sleep(0.01)
         scene.begin()
         while time.monotonic() < deadline and abs(scene.watcher.speed_mps or 0.0) > 0.3:
@@ -243,10 +245,10 @@ def attacks() -> Iterator[Attack]:
     yield Attack('gate: activate under a stop', _calls('/safety_gate/activate'), stopped_before=True)
     yield Attack('gate: killed and started again under a stop', _kill_gate, stopped_before=True)
     yield Attack('gate: killed and started again while driving', _kill_gate)
-    yield Attack('gate: started a second time', _second('safety_gate', command))
+    yield Attack('gate: started a second time', _second('safety_gate'))
     yield Attack('gate: its clock switched to system time', _real_clock)
     yield Attack('gate: halted for 2 s (SIGSTOP)', _freeze('safety_gate', 2.0))
     yield Attack('planner: killed and started again, activate', _kill_planner, brakes_mps2=1.0)
-    yield Attack('planner: started a second time', _second('planner', proposed))
+    yield Attack('planner: started a second time', _second('planner'))
     yield Attack('planner: halted for 2 s (SIGSTOP)', _freeze('planner', 2.0), brakes_mps2=1.0)
     yield Attack('autonomy: the driver has taken over', _once(topics.AUTONOMY, _driver_drives), brakes_mps2=0.7)

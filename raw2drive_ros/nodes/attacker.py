@@ -81,10 +81,6 @@ class Watcher(_Participant):
             self.stamp_s = status.stamp_ns * 1e-9
             self.speeds.append((time.monotonic(), status.speed_mps))
 
-    def publishers(self, topic: str) -> int:
-        """Publishers that discovery knows of now."""
-        return self.node.count_publishers(topic)
-
     @property
     def speed_mps(self) -> float | None:
         return self.speeds[-1][1] if self.speeds else None
