@@ -33,8 +33,8 @@ def test_a_vehicle_publishes_nothing_privileged_and_what_is_privileged_has_no_ot
 def test_the_offered_qos_is_what_bags_have_always_held() -> None:
     found = Counter((s.qos.reliable, s.qos.latched, s.qos.depth) for s in topics.TOPICS)
     assert found == {
-        # 6 cameras with 3 topics, 4 privileged ones, status; mounting poses of cameras and IMU, route, autonomy; commands;
-        # motion; clock and diagnostics.
+        # 6 cameras with 3 topics, 4 privileged ones, status; mounting poses of cameras and IMU, route, autonomy;
+        # commands; motion; clock and diagnostics.
         (True, False, 5): 18 + 4 + 1,
         (True, True, 1): 6 + 1 + 1 + 1,
         (True, False, 1): 2,
