@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from msg_adapters.commands import SEQUENCE
 from msg_adapters.factory import RosbagsFactory
+from msg_adapters.signatures import session_of, sign
 from msg_adapters.stamps import set_stamp, stamp_ns
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.faults.corrupt import corrupt
 from raw2drive_ros.faults.plan import Fault
 
@@ -17,13 +21,15 @@ from raw2drive_ros.faults.plan import Fault
 class Injector:
     """faults: of one plan. The same seed and messages give the same faults, for each topic on its own.
 
-    counts: messages affected, by `kind topic`.
+    counts: messages affected, by `kind topic`. key: of the signatures: a fault of a sender is signed by that sender,
+    so what is corrupted is signed anew; None where nothing is signed.
     """
 
     faults: list[Fault]
     seed: int = 0
     counts: dict[str, int] = field(default_factory=dict)
     start_ns: int | None = None
+    key: bytes | None = None
     _factory: RosbagsFactory = field(default_factory=RosbagsFactory)
     _held: dict[tuple[int, str], bytes] = field(default_factory=dict)
     _rngs: dict[tuple[int, str], np.random.Generator] = field(default_factory=dict)
@@ -73,11 +79,25 @@ class Injector:
             return [(due_ns + round(fault.strength * 1e9), data)]
         if fault.kind == 'duplicate':
             return [item, item]
-        message = self._factory.deserialize(data, msgtype)
+        message, number = self._factory.deserialize(data, msgtype), None
+        if topic in topics.SIGNED and SEQUENCE in message.name:
+            number = float(message.position[list(message.name).index(SEQUENCE)])
         if fault.kind == 'freeze':
             held = self._factory.deserialize(self._held.setdefault(key, data), msgtype)
             set_stamp(held.header.stamp, stamp_ns(message.header.stamp))
             message = held
         else:
             corrupt(message, msgtype, fault, before, rng)
+        if number is not None:
+            self._send_again(message, topic, number)
         return [(due_ns, self._factory.serialize(message, msgtype))]
+
+    def _send_again(self, message: Any, topic: str, number: float) -> None:
+        """Number and sign the message as its sender would: a sender at fault counts its messages all the same."""
+        if SEQUENCE in message.name:
+            position = np.array(message.position)
+            position[list(message.name).index(SEQUENCE)] = number
+            message.position = position
+        session = session_of(message)
+        if self.key is not None and session:
+            sign(message, topic, self.key, session)
