@@ -33,8 +33,6 @@ _SUBSCRIPTION_DISCOVERY = (
 )
 # The window is longer than the time-out of any node's spin, so that a spin begins in every window.
 _WINDOW_S, _PERIOD_S = 0.25, 1.0
-# Of the whole domain, as everywhere in ROS; all other topics belong to the namespace of the node, thus to one car.
-SHARED = (topics.CLOCK, topics.DIAGNOSTICS)
 
 
 def expanded_name(node: Node, topic: str) -> str:
@@ -48,7 +46,7 @@ def resolved_name(node: Node, topic: str) -> str:
 
 
 def _relative(topic: str) -> str:
-    return topic if topic in SHARED else topic.removeprefix('/')
+    return topic if topic in topics.SHARED else topic.removeprefix('/')
 
 
 def publisher_count(node: Node, topic: str) -> int:
