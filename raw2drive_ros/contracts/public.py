@@ -177,9 +177,9 @@ class VehicleStatus:
     """What the vehicle's end of `/control/command` reports to the safety gate.
 
     speed_mps: signed speed along x of `base_link`; None where this end does not measure it. stopped: it brakes by
-    itself and obeys no command until one arrives whose `activation` is newer. activation: the newest that it has heard, 0
-    before the first. placed: rises whenever a simulation puts the car somewhere else, 0 for a vehicle. ticks: decision
-    periods since then. sequence: see `Decision`.
+    itself and obeys no command until one arrives whose `activation` is newer. activation: the newest that it has heard,
+    0 before the first. placed: rises whenever a simulation puts the car somewhere else, 0 for a vehicle. ticks:
+    decision periods since then. sequence: see `Decision`.
     """
 
     stamp_ns: int

@@ -29,9 +29,9 @@ class Gate:
 
     steady: silence (no valid proposal) is measured on the steady clock, as on a car; otherwise on ROS time, which a
     simulation may pause or slow down. If ROS time is frozen while the car keeps moving, odometry reveals it: more than
-    `frozen_odometry` messages since the last proposal count as silence too. simulated: a status that says that the car was put somewhere else ends a stop.
-    counts: events by name, for diagnostics. activation: raised by every `activate`; commands carry it, and a vehicle
-    that has stopped by itself obeys only a newer one.
+    `frozen_odometry` messages since the last proposal count as silence too. simulated: a status that says that the car
+    was put somewhere else ends a stop. counts: events by name, for diagnostics. activation: raised by every `activate`;
+    commands carry it, and a vehicle that has stopped by itself obeys only a newer one.
 
     A gate that has just started does not know what the one before it knew: it drives only a car whose speed it knows,
     and is latched from the start where the car moves, or the vehicle reports a stop.

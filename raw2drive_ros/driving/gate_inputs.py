@@ -12,7 +12,7 @@ from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import ContractError
 from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.driving.gate import Gate
-from raw2drive_ros.driving.gate_state import GateState, Moment
+from raw2drive_ros.driving.gate_state import STOPS, GateState, Moment
 from raw2drive_ros.driving.single_writer import SingleWriter
 
 
@@ -43,9 +43,9 @@ class GateInputs:
         if gate.state is not GateState.DRIVING:
             self.proposals.release()
         why = self.proposals.check(message)
-        if why and gate.state is not GateState.DRIVING:
-            # The car stands or is being stopped: whoever talks, nothing is passed on, and the reason stays.
-            gate.count('foreign')
+        if why and gate.state in STOPS:
+            # Nothing is passed on anyway, and the reason of the stop stays.
+            gate.count('foreign_proposals')
             return Decision(round(now.ros_s * 1e9), gate.tick(now))
         try:
             if why:

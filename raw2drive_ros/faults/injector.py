@@ -79,25 +79,23 @@ class Injector:
             return [(due_ns + round(fault.strength * 1e9), data)]
         if fault.kind == 'duplicate':
             return [item, item]
-        message, number = self._factory.deserialize(data, msgtype), None
-        if topic in topics.SIGNED and SEQUENCE in message.name:
-            number = float(message.position[list(message.name).index(SEQUENCE)])
+        message = self._factory.deserialize(data, msgtype)
         if fault.kind == 'freeze':
             held = self._factory.deserialize(self._held.setdefault(key, data), msgtype)
             set_stamp(held.header.stamp, stamp_ns(message.header.stamp))
+            if topic in topics.SIGNED:
+                _number_as(message, held)
             message = held
         else:
             corrupt(message, msgtype, fault, before, rng)
-        if number is not None:
-            self._send_again(message, topic, number)
+        if self.key is not None and topic in topics.SIGNED and (session := session_of(message)):
+            sign(message, topic, self.key, session)
         return [(due_ns, self._factory.serialize(message, msgtype))]
 
-    def _send_again(self, message: Any, topic: str, number: float) -> None:
-        """Number and sign the message as its sender would: a sender at fault counts its messages all the same."""
-        if SEQUENCE in message.name:
-            position = np.array(message.position)
-            position[list(message.name).index(SEQUENCE)] = number
-            message.position = position
-        session = session_of(message)
-        if self.key is not None and session:
-            sign(message, topic, self.key, session)
+
+def _number_as(message: Any, held: Any) -> None:
+    """Give a held message the number of the one in whose place it is sent: a frozen sender counts on."""
+    if SEQUENCE in message.name and SEQUENCE in held.name:
+        position = np.array(held.position)
+        position[list(held.name).index(SEQUENCE)] = message.position[list(message.name).index(SEQUENCE)]
+        held.position = position

@@ -32,6 +32,7 @@ from raw2drive_ros.timing import load_timing
 STOP_AT_END_S = 8.0
 REMIND_S = 10.0
 ASKED_TO_END = 'the gate was asked to end'
+ENDED_DRIVING = 'the gate before this one ended while it was driving'
 # What the publishers of a topic publish, in the plural.
 KINDS = {
     topics.STATUS: "the vehicle's status",
@@ -183,8 +184,8 @@ class SafetyGateNode(Node):
                 self.get_logger().info(f'waiting: {reason}')
             else:
                 self.get_logger().warning(f'{state.value}: {reason}')
-            if self.latch is not None and state in STOPS:
-                self.latch.write(reason)
+            if self.latch is not None and state is not GateState.WAITING:
+                self.latch.write(reason or ENDED_DRIVING)
             self.said_s = time.monotonic()
             self.diagnostics.publish()
         elif state in STOPS and time.monotonic() - self.said_s > REMIND_S:

@@ -21,7 +21,7 @@ def proposal(seconds: float, control: Control = WANTED) -> Decision:
 
 
 def driving_gate(**options) -> Gate:
-    """A gate that drives a car which stood a second ago. Silent odometry is no reason for a stop, unless `limits` say so."""
+    """A gate that drives a car which stood a second ago; silent odometry stops it only where `limits` say so."""
     gate = Gate(**{'limits': GateLimits(odometry_after_s=math.inf)} | options)
     gate.observe(0.0, at(0.0), stamp_s=-1.0)
     gate.propose(proposal(0.0), at(0.0))
