@@ -106,7 +106,7 @@ class Graph:
     ) -> None:
         """`python -m raw2drive_ros.nodes.<name>` with ROS parameters; remap: topic -> the one to use in its place.
 
-        With a namespace, both topics are those of the namespace. node: the module, where it is not called as the process.
+        With a namespace, both topics are its own. node: the module, where it is not called as the process.
         """
         command = [sys.executable, '-m', f'raw2drive_ros.nodes.{node or name}', '--ros-args']
         for key, value in ({'use_sim_time': sim_time} | parameters).items():
