@@ -46,9 +46,14 @@ def add_network_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_graph_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add `--namespace` and `--network`."""
+def add_namespace_argument(parser: argparse.ArgumentParser) -> None:
+    """Add `--namespace`."""
     parser.add_argument(
         '--namespace', type=namespace, default='', help='of nodes and topics, as /car1: several cars in one domain'
     )
+
+
+def add_graph_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add `--namespace` and `--network`."""
+    add_namespace_argument(parser)
     add_network_argument(parser)

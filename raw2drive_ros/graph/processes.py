@@ -19,6 +19,7 @@ from typing import IO, Any
 
 from raw2drive_ros.contracts.errors import DomainBusyError, GraphError
 from raw2drive_ros.contracts.topics import SHARED
+from raw2drive_ros.graph.security_policy import enclave_path
 from raw2drive_ros.runtime_folder import runtime_folder
 
 END_WITHIN_S = 1.5
@@ -120,6 +121,8 @@ class Graph:
             command += ['-r', f'{self.namespace}{topic}:={self.namespace}{other}']
         for topic in SHARED if self.namespace else ():
             command += ['-r', f'{topic}:={self.namespace}{topic}']
+        if self.environment.get('ROS_SECURITY_ENABLE') == 'true':
+            command += ['--enclave', enclave_path(name, self.namespace)]
         self.folder.mkdir(parents=True, exist_ok=True)
         log = (self.folder / f'{name}.log').open('wb')
         self.logs.append(log)
