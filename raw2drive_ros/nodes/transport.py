@@ -64,6 +64,8 @@ def configure_transport() -> list[str]:
             f'RMW_IMPLEMENTATION={rmw}: the profile, which keeps everything on this machine and images whole, applies '
             'to rmw_fastrtps_cpp only'
         )
+    if os.environ.get('ROS_SECURITY_ENABLE') == 'true' and os.environ.get('ROS_SECURITY_STRATEGY') != 'Enforce':
+        warnings.append('without ROS_SECURITY_STRATEGY=Enforce, a node that finds no keys starts without security')
     return warnings
 
 

@@ -129,10 +129,25 @@ def test_a_profile_of_the_user_stays_in_force(clean, variable) -> None:
         ('0', {'ROS_STATIC_PEERS': '10.0.0.1'}, 'ROS_STATIC_PEERS is set, but nodes stay on this machine'),
         ('1', {transport.RANGE_VARIABLE: 'LOCALHOST'}, 'keeps discovery on this machine'),
         ('1', {transport.LOCALHOST_ONLY_VARIABLE: '1'}, 'keeps discovery on this machine'),
+        ('0', {'ROS_SECURITY_ENABLE': 'true'}, 'without ROS_SECURITY_STRATEGY=Enforce'),
     ],
 )
-def test_a_shell_that_asks_for_the_opposite_is_told(clean, flag, variables, said) -> None:
+def test_a_shell_that_asks_for_something_else_is_told(clean, flag, variables, said) -> None:
     for name, value in ({transport.NETWORK_VARIABLE: flag} | variables).items():
         clean.setenv(name, value)
     (warning,) = transport.configure_transport()
     assert said in warning
+
+
+def test_a_node_that_cannot_have_the_security_that_is_asked_for_does_not_start(tmp_path) -> None:
+    """No keystore; and with one, a Fast DDS without security, as on PyPI, or keys that are missing."""
+    (tmp_path / 'keystore' / 'enclaves' / 'gate').mkdir(parents=True)
+    command = [sys.executable, '-m', 'raw2drive_ros.nodes.safety_gate', '--ros-args', '--enclave', '/gate']
+    asked = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}
+    with reserve_domain(None) as domain:
+        for keystore in (tmp_path / 'nowhere', tmp_path / 'keystore'):
+            variables = environment_of_a_user(domain, ROS_SECURITY_KEYSTORE=str(keystore), **asked)
+            node = subprocess.run(command, cwd=tmp_path, env=variables, capture_output=True, text=True, timeout=60)
+            assert node.returncode == 1
+            assert node.stderr.splitlines()[-1].startswith('error: ')
+            assert 'Traceback' not in node.stderr
