@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from msg_adapters.vehicle_commands import ADAPTERS
+from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 EXAMPLES = 'what vehicles take:\n' + '\n'.join(
     f'  {name:10} {adapter.msgtype:42} {adapter.topic}' for name, adapter in ADAPTERS.items()
@@ -21,6 +22,7 @@ command for 0.3 s, a standstill. my_car.yaml is the file that the safety gate ta
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     parser.add_argument('output', choices=tuple(ADAPTERS), help='what the vehicle takes')
     parser.add_argument('--topic', default='', help='where it listens (default: see below)')
     parser.add_argument('--config', type=Path, help="the car's figures (default: params/gate.yaml)")
@@ -40,4 +42,6 @@ def run(options: argparse.Namespace) -> int:
         'config': str(options.config.resolve()) if options.config else '',
         'horizon_s': options.horizon,
     }
-    return run_single({'command_adapter': parameters}, options.domain, sim_time=options.sim_time)
+    return run_single(
+        {'command_adapter': parameters}, options.domain, namespace=options.namespace, sim_time=options.sim_time
+    )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from raw2drive_ros.cli.graph_options import add_graph_arguments
+
 EXAMPLES = """examples:
   raw2drive call                                        what can be called in this domain
   raw2drive call /safety_gate/activate                  drive on after a latched stop; the car must stand
@@ -17,6 +19,7 @@ Exit code 1: no such service, or it refused."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     parser.add_argument('service', nargs='?', default='', help='full name; without one, list them')
     parser.add_argument('argument', nargs='?', default='', help='true or false, or the name of a transition')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE', help='may be given several times')
@@ -37,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     if not all(name and equals for name, equals, _ in pairs) or (pairs and not options.service):
         raise UsageError('--set wants NAME=VALUE, and a service')
     parameters = {
-        'service': options.service,
+        'service': f'{options.namespace}{options.service}' if options.service else '',
         'argument': options.argument,
         'set': json.dumps({name: value for name, _, value in pairs}),
     }

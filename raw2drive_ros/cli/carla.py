@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.cli.graph_options import add_graph_arguments
+
 EXAMPLES = """examples:
   raw2drive carla                                          the server at localhost:2000, its map, its first spawn point
   raw2drive carla --host 10.0.0.7 --town Town05 --spawn-point 12 --seed 3
@@ -16,6 +18,7 @@ and waits for each command (lock-step); --real-time follows the wall clock."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     from raw2drive_ros.carla_vehicle.client import CarlaSettings
 
     usual = CarlaSettings()
@@ -58,4 +61,6 @@ def run(options: argparse.Namespace) -> int:
     }
     # The bridge removes its actors one by one, and the server may take --timeout to finish its current tick.
     grace_s = options.timeout + 10.0
-    return run_single({'carla_bridge': parameters}, options.domain, sim_time=False, end_within_s=grace_s)
+    return run_single(
+        {'carla_bridge': parameters}, options.domain, namespace=options.namespace, sim_time=False, end_within_s=grace_s
+    )

@@ -8,6 +8,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.graph_options import add_network_argument
+
 # Before it ends, the probe brakes until the car stands.
 BRAKE_WITHIN_S = 8.0
 
@@ -23,6 +25,7 @@ COLOURS = {'error': 'red', 'warning': 'yellow', 'passed': 'green', 'skipped': 'd
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_network_argument(parser)
     parser.add_argument('--bundle', type=Path, help='policy bundle whose cameras are wanted (default: the shipped one)')
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
     parser.add_argument('--seconds', type=float, default=5.0, help='how long to listen')

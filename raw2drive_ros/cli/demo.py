@@ -8,6 +8,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.graph_options import add_network_argument
+
 EXAMPLES = """examples:
   raw2drive demo
   raw2drive demo --routes LaneFollowing/3,LaneFollowing/7 --out runs/my_demo
@@ -18,6 +20,7 @@ DEFAULT_ROUTES = 'LaneFollowing/1,LaneFollowing/3,JunctionTurns/1'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_network_argument(parser)
     parser.add_argument('--routes', default=DEFAULT_ROUTES, help='comma list of TYPE/SEED or TYPE/SEED/WEATHER')
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--out', type=Path, default=Path('runs/demo'), help='folder for everything that is made')

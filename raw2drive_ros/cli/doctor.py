@@ -36,7 +36,8 @@ def _print(body: dict[str, Any]) -> None:
     for name, version in body['versions'].items():
         print(f'  {name} {version}')
     transport = body['transport']
-    state = 'shipped profile' if transport['shipped_profile_in_force'] else f'OTHER profile {transport["in_force"]}'
+    shipped = 'shipped profile, ' + ('OPEN to the network' if transport['network'] else 'this machine only')
+    state = shipped if transport['shipped_profile_in_force'] else f'OTHER profile {transport["in_force"]}'
     print(f'transport: {state}, discovery {transport["discovery_range"]}, domain {transport["domain"]}')
     print(f'free: {body["disk_free_mb"]} MB on disk, {body["shared_memory_free_mb"]} MB shared memory')
     timing = body['timing']

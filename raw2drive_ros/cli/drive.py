@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.cli.graph_options import add_graph_arguments
+
 EXAMPLES = """examples:
   raw2drive drive                                   the shipped policy, wall-clock gate
   raw2drive drive --bundle runs/bundle --lock-step  for a bridge in lock-step
@@ -16,6 +18,7 @@ The gate's stop is latched; once the car stands: raw2drive call /safety_gate/act
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--lock-step', action='store_true', help='measure silence by /clock instead of the wall')
     parser.add_argument('--sim-time', action='store_true', help='stamps are those of /clock, silence goes by the wall')
@@ -50,4 +53,11 @@ def run(options: argparse.Namespace) -> int:
         },
     }
     # The gate stops the car before it ends, both when the planner dies and when it is asked to end.
-    return run_single(nodes, options.domain, sim_time=simulated, end_within_s=10.0, survivor='safety_gate')
+    return run_single(
+        nodes,
+        options.domain,
+        namespace=options.namespace,
+        sim_time=simulated,
+        end_within_s=10.0,
+        survivor='safety_gate',
+    )

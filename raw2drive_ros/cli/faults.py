@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from raw2drive_ros.cli.graph_options import add_graph_arguments
+
 EXAMPLES = """examples:
   raw2drive faults list
   raw2drive faults list my_plans.yaml
@@ -13,6 +15,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     parser.add_argument('action', choices=('list', 'run'))
     parser.add_argument('plan', nargs='?', help='run: a plan; list: a file')
     parser.add_argument('--plans', default='matrix', help='run: name of a file in params/faults, or a YAML file')
@@ -41,6 +44,8 @@ def run(options: argparse.Namespace) -> int:
 
     print('start the nodes that are to receive the faulty messages with:')
     for name in touched_topics(plans[options.plan]):
-        print(f'    --ros-args -r {name}:={behind_injector(name)}')
+        print(f'    --ros-args -r {options.namespace}{name}:={options.namespace}{behind_injector(name)}')
     parameters = {'plans': options.plans, 'plan': options.plan, 'seed': options.seed}
-    return run_single({'fault_injector': parameters}, options.domain, sim_time=options.sim_time)
+    return run_single(
+        {'fault_injector': parameters}, options.domain, namespace=options.namespace, sim_time=options.sim_time
+    )

@@ -6,6 +6,8 @@ import argparse
 import json
 from pathlib import Path
 
+from raw2drive_ros.cli.graph_options import add_graph_arguments
+
 EXAMPLES = """examples:
   raw2drive record --out runs/my_bag            until Ctrl-C; the bag is closed then
   raw2drive record --out runs/day --split-s 60  whole bags of a minute each
@@ -18,6 +20,7 @@ See also: raw2drive collect, which drives and records without a graph."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     parser.add_argument('--out', type=Path, required=True, help='folder of the bag; must not exist')
     parser.add_argument('--note', default='', help='kept in the bag')
     parser.add_argument('--split-s', type=float, default=0.0, help='begin a new bag every so many seconds')
@@ -40,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
         **{name: getattr(options, name) for name in ('split_s', 'split_mb', 'snapshot_s', 'flush_s')},
     }
     try:
-        return run_single({'recorder': parameters}, options.domain, sim_time=False)
+        return run_single({'recorder': parameters}, options.domain, namespace=options.namespace, sim_time=False)
     finally:
         if options.out.exists():
             print(f'bag: {options.out}; next: raw2drive bag info {options.out}')

@@ -7,6 +7,8 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from raw2drive_ros.cli.graph_options import add_graph_arguments
+
 EXAMPLES = """examples:
   raw2drive replay runs/demo/bag                 for a planner that runs elsewhere (raw2drive drive --sim-time)
   raw2drive replay runs/demo/bag --rate 0.5
@@ -18,6 +20,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     parser.add_argument('bag', type=Path)
     parser.add_argument('--rate', type=float, default=1.0, help='speed relative to recorded time')
     parser.add_argument('--start', type=float, default=0.0, help="seconds after the bag's beginning")
@@ -61,4 +64,4 @@ def run(options: argparse.Namespace) -> int:
         'loop': options.loop,
         'paused': options.paused,
     }
-    return run_single({'player': parameters}, options.domain, sim_time=False)
+    return run_single({'player': parameters}, options.domain, namespace=options.namespace, sim_time=False)

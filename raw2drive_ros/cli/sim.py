@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from raw2drive_ros.cli.deprecation import warn_old
+from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 EXAMPLES = """examples:
   raw2drive sim --scenario HardBreakRoute --seed 3            (raw2drive scenario list has the names)
@@ -16,6 +17,7 @@ While it runs: raw2drive call /bridge/reset --set scenario=Accident --set seed=3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     parser.add_argument('--list', action='store_true', help=argparse.SUPPRESS)
     parser.add_argument('--scenario', default='LaneFollowing')
     parser.add_argument('--seed', type=int, default=0)
@@ -66,4 +68,4 @@ def run(options: argparse.Namespace) -> int:
         # In real time, sensors publish with or without subscribers, as a vehicle's do; lock-step waits for them.
         'wait_for_sensor_subscribers': int(not options.real_time),
     }
-    return run_single({'bridge': parameters}, options.domain, sim_time=False)
+    return run_single({'bridge': parameters}, options.domain, namespace=options.namespace, sim_time=False)

@@ -24,6 +24,8 @@ ADVICE = '/privileged/advice'
 DIAGNOSTICS = '/diagnostics'
 IMU_EXTRINSICS = '/sensing/imu/extrinsics'
 PRIVILEGED_PREFIX = '/privileged/'
+# Of the whole domain, as everywhere in ROS; all other topics belong to the namespace of their node, thus to one car.
+SHARED = (CLOCK, DIAGNOSTICS)
 
 
 def image_topic(camera: str) -> str:

@@ -37,7 +37,7 @@ from raw2drive_ros.nodes.command_wait import CommandWait
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
-from raw2drive_ros.nodes.quality import LossCounter, make_publisher
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher, publisher_count
 from raw2drive_ros.nodes.runtime import run_node
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
@@ -252,7 +252,7 @@ class BridgeNode(Node):
         deadline = time.perf_counter() + 1.0
         while time.perf_counter() < deadline:
             self.executor_.spin_once(timeout_sec=0.1)
-        if self.count_publishers(topics.CLOCK) > 1:
+        if publisher_count(self, topics.CLOCK) > 1:
             domain = os.environ.get('ROS_DOMAIN_ID', '0')
             raise NodeError(
                 f'another node publishes {topics.CLOCK} in ROS domain {domain}: '
@@ -297,7 +297,7 @@ class BridgeNode(Node):
         for name, count in wanted.items():
             if (found := self._listeners(name)) < count:
                 return f'{found} of {count} subscribers on {name}'
-        return '' if self.count_publishers(topics.COMMAND) else f'no publisher on {topics.COMMAND}'
+        return '' if publisher_count(self, topics.COMMAND) else f'no publisher on {topics.COMMAND}'
 
     def _listeners(self, name: str) -> int:
         """Matched subscribers; on sensor topics without gate and command adapter, which need odometry only."""

@@ -25,7 +25,7 @@ from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.nodes.command_port import CommandPort
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
-from raw2drive_ros.nodes.quality import LossCounter, make_subscription
+from raw2drive_ros.nodes.quality import LossCounter, expanded_name, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
 from raw2drive_ros.tables.rates import DECISION_HZ, DIAGNOSTICS_HZ
 from raw2drive_ros.timing import load_timing
@@ -67,7 +67,7 @@ class CommandAdapterNode(Node):
         self.speed_mps, self.speed_ns = 0.0, -self.speed_good_ns - 1
         self.trouble = ''
         self.losses = LossCounter()
-        topic = p['topic'] or self.adapter.topic
+        topic = p['topic'] or expanded_name(self, self.adapter.topic)
         self.output = self.create_publisher(type(message), topic, 1)
         self.port = CommandPort(self, self.policy, self.losses, self._on_command, signed=bool(p['signed_commands']))
         make_subscription(self, topics.ODOMETRY, self._on_odometry, self.losses)

@@ -20,7 +20,7 @@ from raw2drive_ros.faults.plan import behind_injector, load_plans, touched_topic
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.parameters import declare
-from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class, profile_of
+from raw2drive_ros.nodes.quality import LossCounter, expanded_name, make_subscription, message_class, profile_of
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
 from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ
 
@@ -54,7 +54,8 @@ class FaultInjectorNode(Node):
         self.said: list[str] = []
         for name in touched_topics(faults):
             spec = topics.BY_NAME[name]
-            output = self.create_publisher(message_class(spec.msgtype), behind_injector(name), profile_of(spec))
+            behind = expanded_name(self, behind_injector(name))
+            output = self.create_publisher(message_class(spec.msgtype), behind, profile_of(spec))
             make_subscription(self, name, self._passer(spec, output), self.losses, raw=True)
         self.create_timer(1.0 / DELIVER_HZ, self._deliver, clock=steady_clock())
         self.reported: dict[str, int] = {}

@@ -25,7 +25,7 @@ from msg_adapters.commands import decision_to_message
 from msg_adapters.diagnostics import ERROR, OK, WARN
 from msg_adapters.factory import RclpyFactory
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import BundleError, ConfigError, ContractError, NodeError
+from raw2drive_ros.contracts.errors import BundleError, ConfigError, ContractError, NodeError, PrivilegedImportError
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.health_report import HealthReport
 from raw2drive_ros.driving.monitor_config import load_monitor_config
@@ -81,8 +81,9 @@ class PlannerNode(LifecycleNode):
         self.jumps = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)
 
     def create_subscription(self, msg_type: Any, topic: str, *args: Any, **kwargs: Any) -> Any:
-        """Raises PrivilegedImportError for a privileged topic, whoever subscribes."""
+        """Raises PrivilegedImportError for a privileged topic, whoever subscribes, and whatever it is remapped from."""
         refuse_privileged_topic(topic)
+        refuse_privileged_topic(self.resolve_topic_name(topic))
         return super().create_subscription(msg_type, topic, *args, **kwargs)
 
     def run(self, executor: Any) -> None:
@@ -115,8 +116,15 @@ class PlannerNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         assert self.planner is not None and self.inputs is not None
         self.planner.start(self._now_ns())
-        for topic in self.inputs.topics:
-            self.sensor_subscriptions.append(make_subscription(self, topic, self._receiver(topic), self.losses))
+        try:
+            for topic in self.inputs.topics:
+                self.sensor_subscriptions.append(make_subscription(self, topic, self._receiver(topic), self.losses))
+        except PrivilegedImportError as error:
+            # rclpy would drop it without a word.
+            self._stop_listening()
+            self.failure = str(error)
+            self.get_logger().error(self.failure)
+            return TransitionCallbackReturn.FAILURE
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
