@@ -15,7 +15,7 @@ import heapq
 import struct
 from collections.abc import Callable, Collection, Iterator
 from io import BytesIO
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
@@ -82,9 +82,11 @@ class StampedMcapWriter(McapWriter):
 class StampedWriter(Writer):
     """A rosbags Writer of MCAP bags; `write_at` takes both times."""
 
-    STORAGE_PLUGINS = {**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: StampedMcapWriter}
+    STORAGE_PLUGINS: ClassVar[dict[Any, Any]] = {**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: StampedMcapWriter}
 
-    def write_at(self, connection: Connection, stamp_ns: int, received_ns: int | None, data: bytes | memoryview) -> None:
+    def write_at(
+        self, connection: Connection, stamp_ns: int, received_ns: int | None, data: bytes | memoryview
+    ) -> None:
         """received_ns: None where nobody received it (a collector writes what it made): its stamp is its log_time."""
         assert isinstance(self.storage, StampedMcapWriter)
         self.storage.stamp_ns = None if received_ns is None else stamp_ns
@@ -146,9 +148,28 @@ class StampedMcapReader(McapReader):
         low, high = _RANGE.unpack_from(record, _RECORD.size + len(TAG))
         return low, high
 
+    @property
+    def unindexed(self) -> bool:
+        """Whether a chunk has no index of its messages."""
+        return any(not chunk.message_index_length for chunk in self.chunks)
+
+    def indexed_times(self) -> Iterator[tuple[str, tuple[int, ...]]]:
+        """(topic, log times as written) by chunk, from the index alone."""
+        assert self.bio is not None
+        names = {connection.id: connection.topic for connection in self.connections}
+        for chunk in sorted(self.chunks, key=lambda c: c.chunk_start_offset):
+            self.bio.seek(chunk.chunk_start_offset + chunk.chunk_length)
+            index = BytesIO(read_exact(self.bio, chunk.message_index_length))
+            while head := index.read(_RECORD.size):
+                record = index.read(_RECORD.unpack(head)[1])
+                (channel,) = struct.unpack_from('<H', record)
+                times = struct.unpack_from(f'<{(len(record) - 6) // 8}Q', record, 6)[::2]
+                if channel in names:
+                    yield names[channel], times
+
     def messages(
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
-    ) -> Iterator[Written]:  # type: ignore[override]
+    ) -> Iterator[Written]:
         if start == ARRIVAL:
             yield from self._arrivals({c.id: c for c in connections})
         elif self.ranges:
@@ -198,7 +219,7 @@ def _between(low_ns: int, high_ns: int) -> Callable[[int], bool]:
 class StampedDirectory(DirectoryReader):
     """A bag's folder; its times are those of the stamps where its files hold them."""
 
-    STORAGE_PLUGINS = {'mcap': StampedMcapReader, 'sqlite3': Sqlite3Reader}
+    STORAGE_PLUGINS: ClassVar[dict[Any, Any]] = {'mcap': StampedMcapReader, 'sqlite3': Sqlite3Reader}
 
     @property
     def stamped(self) -> bool:
@@ -218,7 +239,11 @@ class StampedReader(Reader):
     """A rosbags Reader. `messages` gives stamps, in order of stamps, where the bag holds both times; otherwise what
     rosbags gives: log times."""
 
-    STORAGE_PLUGINS = {**Reader.STORAGE_PLUGINS, 'dir': StampedDirectory, '.mcap': StampedMcapReader}
+    STORAGE_PLUGINS: ClassVar[dict[Any, Any]] = {
+        **Reader.STORAGE_PLUGINS,
+        'dir': StampedDirectory,
+        '.mcap': StampedMcapReader,
+    }
 
     @property
     def stamped(self) -> bool:
