@@ -33,8 +33,9 @@ DRAIN_LIMIT_S = 0.8
 class RecorderNode(Node):
     """Ctrl-C and SIGTERM close the bag after all messages received so far are written. Loss is reported per topic.
 
-    When time goes back (a simulation reset, a bag in a loop, the system clock set back) a new bag begins, and the log and
-    /diagnostics say so. With `snapshot_s` the last seconds are kept in memory, and written when ~/save is called or the gate stops the car.
+    When time goes back (a simulation reset, a bag in a loop, the system clock set back) a new bag begins, and the log
+    and /diagnostics say so. With `snapshot_s` the last seconds are kept in memory, and written when ~/save is called or
+    the gate stops the car.
     """
 
     drains = True
