@@ -92,7 +92,10 @@ def make_publisher(node: Node, topic: str) -> Publisher:
     spec = topics.BY_NAME[topic]
     return _handle_in_windows(
         node.create_publisher(
-            message_class(spec.msgtype), topic, profile_of(spec), event_callbacks=PublisherEventCallbacks()
+            message_class(spec.msgtype),
+            topic,
+            profile_of(spec, spec.qos.kept or None),
+            event_callbacks=PublisherEventCallbacks(),
         ),
         _PUBLISHER_DISCOVERY,
     )
