@@ -8,7 +8,8 @@ from collections.abc import Collection, Iterator
 
 from rosbags.interfaces import Connection
 
-from raw2drive_ros.recording.bag_reader import begin_ns, messages_in
+from raw2drive_ros.contracts import topics
+from raw2drive_ros.recording.bag_reader import begin_ns, is_latched, messages_in
 from raw2drive_ros.recording.stamped_mcap import ARRIVAL, StampedMcapReader, StampedReader
 from raw2drive_ros.recording.time_lines import BACK_NS, NEAR_NS, SOURCES, TimeLines, stamp_of
 
@@ -19,7 +20,8 @@ class TimeLine:
     """One time line of a bag, with the reading half of a rosbags Reader: messages in the order in which they arrived.
 
     Their times are their own stamps, whatever log_time says; latched messages, diagnostics and stamps that tell no time
-    get the time of their neighbours. `connections` are those of the whole bag.
+    get the time of their neighbours. A line begins with the latest latched messages from before it: the route of a new
+    drive may have come just before time went back. `connections` are those of the whole bag.
     """
 
     def __init__(self, reader: StampedReader, number: int, lines: array[int], span: tuple[int, int]) -> None:
@@ -33,9 +35,17 @@ class TimeLine:
     ) -> Iterator[tuple[Connection, int, bytes]]:
         wanted = {c.id for c in connections or self.connections}
         newest_ns = self.start_time
+        latched: dict[str, tuple[Connection, bytes]] = {}
         for line, (connection, _, data) in zip(self.lines, self.reader.arrivals(), strict=True):
-            if line != self.number:
+            if line > self.number:
+                return
+            if line < self.number:
+                if connection.id in wanted and _is_kept(connection):
+                    latched[connection.topic] = connection, data
                 continue
+            for kept, said in latched.values() if (start or 0) <= self.start_time else ():
+                yield kept, self.start_time, said
+            latched.clear()
             stamp_ns = stamp_of(connection.msgtype, data)
             if stamp_ns is not None and connection.topic in SOURCES and stamp_ns > 0:
                 newest_ns = stamp_ns
@@ -43,6 +53,11 @@ class TimeLine:
                 stamp_ns = newest_ns
             if connection.id in wanted and (start or 0) <= stamp_ns and (stop is None or stamp_ns < stop):
                 yield connection, stamp_ns, data
+
+
+def _is_kept(connection: Connection) -> bool:
+    spec = topics.BY_NAME.get(connection.topic)
+    return is_latched(connection) or (spec is not None and spec.qos.latched)
 
 
 AnyReader = StampedReader | TimeLine

@@ -1,4 +1,4 @@
-"""A recorder that was busy for a moment gets every proposal all the same, while those who obey queue the newest only."""
+"""A recorder that was busy for a moment gets every proposal; those who obey proposals queue the newest only."""
 
 import json
 import subprocess
