@@ -32,12 +32,12 @@ class FirstTick:
         """For the provenance."""
         return f'{"with the first tick" if self.whole else "in the middle"} of {self.episode}'
 
-    def hear(self, data: bytes) -> bool:
+    def hear(self, factory: RosbagsFactory, data: bytes) -> bool:
         """Take a transition's CDR bytes; True for the first one of the bag."""
         if self.stamp_ns is not None:
             return False
         try:
-            message = RosbagsFactory().deserialize(data, topics.BY_NAME[topics.TRANSITION].msgtype)
+            message = factory.deserialize(data, topics.BY_NAME[topics.TRANSITION].msgtype)
             step, self.episode = transition_from_message(message)
         except Exception:
             # A recorder writes down what comes; damage may raise any error, and readers will name it.

@@ -104,11 +104,12 @@ class Recording:
         self._put(message, stamp_ns)
 
     def _put(self, message: Message, stamp_ns: int) -> None:
-        assert self._writer is not None
-        self._writer.write_raw(message.topic, stamp_ns, message.data, None, message.received_ns)
-        if message.topic == topics.TRANSITION and self._first_tick.hear(message.data) and self._first_tick.late:
+        writer, first = self._writer, self._first_tick
+        assert writer is not None
+        writer.write_raw(message.topic, stamp_ns, message.data, None, message.received_ns)
+        if message.topic == topics.TRANSITION and first.hear(writer.factory, message.data) and first.late:
             # Already now, for a recorder that is killed.
-            self._writer.note({'begins': self._first_tick.text})
+            writer.note({'begins': first.text})
             self._say_first_tick()
 
     def _wait(self, message: Message) -> None:

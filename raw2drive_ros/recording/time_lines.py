@@ -19,7 +19,6 @@ SETTLE_NS = 400_000_000
 # One stamp so far ahead of its topic may be damaged; the second one moves the topic's time.
 AHEAD_NS = 10_000_000_000
 MAX_HELD = 1000
-FEW = 3
 # Latched messages may have any stamp (of the boot, of a map file), and nodes without simulated time stamp diagnostics
 # with the wall clock. Farther than this from the newest of the other messages, they get its stamp: a bag has one time
 # base.
@@ -88,8 +87,9 @@ class TimeLines(Generic[_Item]):
         return [*self._go_on(topic, stamp_ns), (self.line, item)]
 
     def settle(self) -> list[tuple[int, _Item]]:
-        """Decide now, where there is enough to decide on: nothing more may come."""
-        return self._decide() if len(self._held) >= FEW else []
+        """Decide now, because nothing more may come, if a topic has gone on in the new time."""
+        told = [topic for topic, *_ in self._held if topic in SOURCES]
+        return self._decide() if len(told) > len(set(told)) else []
 
     def finish(self) -> list[tuple[int, _Item]]:
         """What is still held, at the end of the stream."""
@@ -112,9 +112,9 @@ class TimeLines(Generic[_Item]):
         self._newest[topic] = max(newest, stamp_ns)
 
     def _is_of_the_held(self, topic: str, stamp_ns: int) -> bool:
-        if topic in self._newest:
+        if topic in self._newest and all(topic != name for name, *_ in self._held):
             return self._is_back(topic, stamp_ns)
-        # A topic without a time of its own: nearer to the held messages than to those before?
+        # It has gone back already, or has no time of its own: is it nearer to the held messages than to those before?
         return abs(stamp_ns - self._held_newest()) < abs(stamp_ns - self._before_ns)
 
     def _held_newest(self) -> int:
