@@ -15,6 +15,7 @@ import heapq
 import struct
 from collections.abc import Callable, Collection, Iterator
 from io import BytesIO
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from rosbags.interfaces import Connection
@@ -23,7 +24,8 @@ from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, McapWriter, decompress, read_exact
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-STAMPS, MESSAGE, TAG = 0x80, 0x05, b'raw2drive stamps'
+STAMPS, MESSAGE, DATA_END, TAG = 0x80, 0x05, 0x0F, b'raw2drive stamps'
+MAX_SKIPPED = 2**32
 # Given as `start`: messages in the order in which they were written, with their log_time.
 ARRIVAL = -1
 _RANGE = struct.Struct('<QQ')
@@ -214,6 +216,21 @@ class StampedMcapReader(McapReader):
 
 def _between(low_ns: int, high_ns: int) -> Callable[[int], bool]:
     return lambda stamp_ns: low_ns <= stamp_ns < high_ns
+
+
+def holds_stamps(file: Path) -> bool:
+    """Whether an MCAP file, finished or not, is of this kind: its publish_time is the stamp. Damage makes it False."""
+    with file.open('rb') as stream:
+        # After the magic: records up to the private one after the first chunk and its index.
+        stream.seek(8)
+        while len(head := stream.read(_RECORD.size)) == _RECORD.size:
+            kind, length = _RECORD.unpack(head)
+            if kind == STAMPS and length == len(TAG) + _RANGE.size and stream.read(len(TAG)) == TAG:
+                return True
+            if kind == DATA_END or length > MAX_SKIPPED:
+                return False
+            stream.seek(length, 1)
+    return False
 
 
 class StampedDirectory(DirectoryReader):

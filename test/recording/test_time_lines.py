@@ -14,6 +14,7 @@ from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_ticks
 from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.line_reader import lasts_s, time_lines
 from raw2drive_ros.recording.recorder import Recording, RingBuffer
+from raw2drive_ros.recording.recover import recover
 from raw2drive_ros.recording.time_lines import TimeLines
 
 MS, S = 1_000_000, 1_000_000_000
@@ -236,6 +237,19 @@ def _ticks(path: Path) -> list[tuple[int, str, bytes]]:
     with open_bag(path) as reader:
         ticks = read_ticks(reader, path, cameras=True)
         return [(tick.stamp_ns, tick.episode, tick.images['front'].tobytes()) for tick in ticks]
+
+
+def test_a_recorder_that_is_killed_leaves_both_times(tmp_path) -> None:
+    recording = Recording(tmp_path / 'bag', {})
+    for tick in range(1, 30):
+        recording.write(*raw_message(topics.ODOMETRY, tick * 100 * MS), received_ns=WALL + tick * MS)
+        if tick == 20:
+            recording.flush()
+            # Nothing is closed.
+            recover(tmp_path / 'bag', tmp_path / 'saved')
+    with open_bag(tmp_path / 'saved') as reader:
+        assert [stamp for _, stamp, _ in reader.messages()] == [tick * 100 * MS for tick in range(1, 21)]
+        assert [log for _, log, _ in reader.arrivals()] == [WALL + tick * MS for tick in range(1, 21)]
 
 
 # -- readers ----------------------------------------------------------------------------------------
