@@ -118,7 +118,7 @@ def make_publisher(node: Node, topic: str) -> Publisher:
         node.create_publisher(
             message_class(spec.msgtype),
             expanded_name(node, topic),
-            profile_of(spec),
+            profile_of(spec, spec.qos.kept or None),
             event_callbacks=PublisherEventCallbacks(),
         ),
         _PUBLISHER_DISCOVERY,
