@@ -72,12 +72,12 @@ def _named(verdicts: list[Verdict], what: str) -> set[str]:
 
 
 def judge_trials(trials: list[Trial]) -> list[Verdict]:
-    """A verdict per name of a trial, in their order: the worst of those with one name."""
+    """A verdict per name of a trial, in their order; of several with one name the first that failed."""
     asked = [deceleration(trial) for trial in trials if trial.name == 'brake stops']
     found: dict[str, Verdict] = {}
     for trial in trials:
         verdict = _judge(trial, asked[0] if asked else 0.0)
-        if trial.name not in found or verdict.severity == 'error':
+        if trial.name not in found or found[trial.name].severity == 'passed':
             found[trial.name] = verdict
     return list(found.values())
 

@@ -1,7 +1,7 @@
 """Are red and blue exchanged? Only where sky and plants both say so.
 
-Either alone proves nothing: a sunset is red, and the light of a lamp colours everything. Light that makes the sky redder
-than blue makes plants redder too; a sky that is redder than blue above plants that are bluer than red does not occur.
+Either alone proves nothing: a sunset is red, and the light of a lamp colours everything. Light that makes the sky
+redder than blue makes plants redder too; a sky redder than blue above plants bluer than red does not occur.
 """
 
 from __future__ import annotations

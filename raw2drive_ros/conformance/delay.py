@@ -20,6 +20,7 @@ from raw2drive_ros.tables.rates import DECISION_HZ
 # Two decisions: later than that the car answers an older question than the world model has learned from, whose car
 # answers within one.
 BUDGET_S = 2.0 / DECISION_HZ
+CHECK = 'actuator delay'
 BEFORE_S, AFTER_S = 0.4, 1.0
 DELAYS_S = np.arange(-0.15, 0.801, 0.01)
 RISES_S = (0.02, 0.1, 0.2, 0.3, 0.5)
@@ -31,8 +32,9 @@ EXPLAINED = 0.8
 
 
 def judge_delay(seen: Observation) -> Iterator[Verdict]:
-    """A verdict for the pedals and one for the steering; skipped where the car was not driven."""
-    pedals, steering = [], []
+    """One verdict for pedals and steering; skipped where the car was not driven."""
+    pedals: list[float] = []
+    steering: list[float] = []
     for before, trial in pairwise(seen.trials):
         if before.control is None or trial.control is None or not (_usable(before) and _usable(trial)):
             continue
@@ -48,18 +50,16 @@ def judge_delay(seen: Observation) -> Iterator[Verdict]:
         found = onset_s(times, response, least, integrated=pedal)
         if found is not None:
             (pedals if pedal else steering).append(found)
-    yield _verdict('actuator delay: pedals', pedals)
-    yield _verdict('actuator delay: steering', steering)
-
-
-def _verdict(check: str, found: list[float]) -> Verdict:
-    if not found:
-        return Verdict(check, 'skipped', 'no response to measure', 'give --allow-motion')
-    delay_s = max(0.0, float(np.median(found)))
-    text = f'{1e3 * delay_s:.0f} ms from command to response (median of {len(found)}; allowed: {1e3 * BUDGET_S:.0f} ms)'
-    late = delay_s > BUDGET_S
+    delays = {'pedals': pedals, 'steering': steering}
+    medians_s = {name: max(0.0, float(np.median(found))) for name, found in delays.items() if found}
+    if not medians_s:
+        yield Verdict(CHECK, 'skipped', 'no response to measure', 'give --allow-motion')
+        return
+    text = ', '.join(f'{name} {1e3 * value:.0f} ms (of {len(delays[name])})' for name, value in medians_s.items())
+    text = f'from command to response: {text}; allowed: {1e3 * BUDGET_S:.0f} ms'
+    late = max(medians_s.values()) > BUDGET_S
     fix = 'shorten the way from command to actuator: no queues, no filters, no slow bus' if late else ''
-    return Verdict(check, 'error' if late else 'passed', text, fix)
+    yield Verdict(CHECK, 'error' if late else 'passed', text, fix)
 
 
 def onset_s(times_s: Float64, response: Float64, least: float, *, integrated: bool) -> float | None:

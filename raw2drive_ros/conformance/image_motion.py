@@ -22,7 +22,7 @@ from raw2drive_ros.contracts.public import CameraCalibration, Float64
 # Pictures are compared at this width at most: the motion is large, and memory and time are not.
 WIDTH_PX = 160
 # Two pictures between which the car has driven or turned so far, within this time.
-DRIVEN_M, TURNED_RAD, APART_S = 0.6, 0.05, 1.0
+DRIVEN_M, TURNED_RAD, APART_S = 1.6, 0.16, 1.6
 PAIRS, LEAST_PAIRS = 12, 4
 # Neighbouring columns say much the same.
 COLUMN_STEP = 2
@@ -34,7 +34,7 @@ FINE_PX, COARSE_PX, NOISE_LEVELS = 1.0, 4.0, 3.0
 # Share of the pixels that must have contrast for the correlation to reach one.
 TEXTURE = 0.05
 # Correlation from which on a camera is recognised, and by how much another assumption must be better than the declared.
-SURE, BETTER, BETTER_LENS = 0.45, 0.15, 0.08
+SURE, BETTER, BETTER_LENS = 0.45, 0.15, 0.1
 LENS_SHARE = 0.08
 Contrast = NDArray[np.float32]
 
@@ -199,13 +199,13 @@ def explain(found: list[Fit]) -> Fit | None:
 REMEDIES = {
     'upside down': 'the picture is upside down: turn it by 180 degrees, or say so in the extrinsics',
     'mirrored': 'the picture is mirrored: left and right are exchanged inside it',
-    'lens': 'pictures and K are of different lenses or crops: calibrate this camera again, at the size that is published',
+    'lens': 'pictures and K are of different lenses or crops: calibrate again, at the size that is published',
     'still': 'the picture stands still while the car drives: is the same one sent again and again?',
 }
 
 
 def judge_pictures(seen: Observation, wrong: set[str]) -> Iterator[Verdict]:
-    """A verdict per camera, and one for cameras that are exchanged. wrong: cameras whose calibration is known to be so."""
+    """A verdict per camera, and one for cameras that are exchanged. wrong: cameras with a wrong calibration."""
     results = {name: explain(found) for name, found in fits(seen, seen.calibrations).items()}
     told: set[str] = set()
     for name, fit in results.items():

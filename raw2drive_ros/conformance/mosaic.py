@@ -15,11 +15,11 @@ TILE_PX, TITLE_PX, TEXT_PX, GAP_PX = 480, 30, 70, 8
 HORIZON, RANGE, ARROW, INK, PAPER = (230, 40, 40), (255, 255, 255), (255, 220, 0), (20, 20, 20), (245, 245, 245)
 # Distances that are drawn on the ground, and the drive whose motion the arrows show.
 RANGES_M, DRIVE_M = (5.0, 10.0, 20.0), 1.0
-TITLE = 'red: horizon by K and mounting.  white: ground at 5, 10, 20 m.  yellow: where the ground moves when driving 1 m ahead'
+TITLE = 'red: horizon by K and mounting.  white: ground at 5, 10, 20 m.  yellow: its motion when driving 1 m ahead'
 
 
 def mosaic(seen: Observation, rig: tuple[CameraCalibration, ...]) -> Image8:
-    """(H, W, 3) RGB: the cameras that look ahead in the first row, the others in the second, the car's left on the left.
+    """(H, W, 3) RGB: cameras that look ahead in the first row, the others in the second, the car's left on the left.
 
     rig: the cameras of the bundle; drawn is the vehicle's own calibration where it is known.
     """
@@ -43,7 +43,10 @@ def expectation(camera: CameraCalibration) -> tuple[str, str]:
     azimuth = math.degrees(_azimuth_rad(camera))
     side = 'ahead' if abs(azimuth) < 1.0 else 'back' if abs(azimuth) > 179.0 else ''
     side = side or f'{abs(azimuth):.0f} degrees to the {"left" if azimuth > 0 else "right"}'
-    return f'{camera.name}: looks {side}', f'sky above the red line; driving ahead, the ground moves {_direction(camera)}'
+    return (
+        f'{camera.name}: looks {side}',
+        f'sky above the red line; driving ahead, the ground moves {_direction(camera)}',
+    )
 
 
 def _left(camera: CameraCalibration) -> float:

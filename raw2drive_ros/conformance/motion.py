@@ -1,7 +1,7 @@
 """Odometry against itself and against the IMU while the car drives: three witnesses of the same motion.
 
-The pose says how the car has moved and turned. Its twist must be that motion in `base_link`, and the gyroscope must turn
-as the heading does. Where twist and gyroscope agree against the heading, it is the heading that is wrong.
+The pose says how the car has moved and turned. Its twist must be that motion in `base_link`, and the gyroscope must
+turn as the heading does. Where twist and gyroscope agree against the heading, it is the heading that is wrong.
 """
 
 from __future__ import annotations

@@ -50,7 +50,11 @@ def judge(seen: Observation, rig: tuple[CameraCalibration, ...], *, compressed: 
 
 def _clock(seen: Observation) -> Iterator[Verdict]:
     if seen.sim_time:
-        text = f'{topics.CLOCK} is published: planner and gate need --sim-time' if not seen.wants_sim_time else topics.CLOCK
+        text = (
+            f'{topics.CLOCK} is published: planner and gate need --sim-time'
+            if not seen.wants_sim_time
+            else topics.CLOCK
+        )
         yield Verdict('clock: source', 'passed', text)
     elif seen.wants_sim_time:
         yield Verdict('clock: source', 'error', f'nobody publishes {topics.CLOCK}', 'publish it, or omit --sim-time')
@@ -148,13 +152,19 @@ def _ages(seen: Observation, names: list[str]) -> Iterator[Verdict]:
     late = [name for name, age in ages.items() if age > limit_s]
     early = [name for name, age in ages.items() if age < -limit_s]
     for wrong, what, fix in (
-        (late, 'too old', 'stamp when measured, by the clock of ROS time: clocks set, use_sim_time the same everywhere?'),
+        (
+            late,
+            'too old',
+            'stamp when measured, by ROS time: clocks set, use_sim_time the same everywhere?',
+        ),
         (early, 'in the future', 'clocks set, use_sim_time the same everywhere? A stamp is the time of measurement'),
     ):
         together = len(wrong) > max(2, len(ages) // 2)
         if together:
             age_ms = 1e3 * float(np.median([ages[name] for name in wrong]))
-            yield Verdict(CLOCK, 'error', f'{age_ms:.0f} ms at arrival, {len(wrong)} of {len(ages)} topics: {what}', fix)
+            yield Verdict(
+                CLOCK, 'error', f'{age_ms:.0f} ms at arrival, {len(wrong)} of {len(ages)} topics: {what}', fix
+            )
         for name in wrong:
             if not together:
                 yield Verdict(f'{name}: age', 'error', f'{ages[name] * 1e3:.0f} ms at arrival: {what}', fix)

@@ -55,6 +55,7 @@ PROGRAMME: tuple[Step, ...] = (
     STAND,
     # Last: what a vehicle does after a foreign command is its own affair, as long as it stands.
     Step(FOREIGN, Control(0.0, 0.3, 0.0), 1.5, foreign=GO),
+    STAND,
     Step(FOREIGN, None, 1.5, foreign=GO),
     STAND,
 )
@@ -78,6 +79,15 @@ class Runner:
                 raise UnsafeError(f'the car does not stand after {step.name or "the brake"}')
             self._begin(now_ns)
         return self.steps[self.index] if self.index < len(self.steps) else None
+
+    def again(self, now_ns: int) -> None:
+        """Begin the step that is under way once more: what came before was preparation."""
+        self.index -= 1
+        self._begin(now_ns)
+
+    def skip(self, now_ns: int) -> None:
+        """Go on to the next step; no trial is kept of this one."""
+        self._begin(now_ns)
 
     def close(self) -> Trial:
         """End the step that is under way, and keep its trial."""
@@ -126,9 +136,7 @@ def drift_mps(samples: list[OdometrySample]) -> float:
 
 def stands(trial: Trial) -> bool:
     """Whether the car has stood still for the last half second."""
-    recent = [
-        v for t, v in zip(trial.times_s, trial.speeds_mps, strict=True) if t > trial.times_s[-1] - RECENT_S
-    ]
+    recent = [v for t, v in zip(trial.times_s, trial.speeds_mps, strict=True) if t > trial.times_s[-1] - RECENT_S]
     return len(recent) >= 5 and max(map(abs, recent)) < STANDING_MPS / 3 and trial.drift_mps < DRIFTS_MPS
 
 

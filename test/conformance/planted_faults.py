@@ -4,15 +4,10 @@ python test/conformance/planted_faults.py prints for each fault what was found, 
 """
 
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parents[2])]
-
 from planted_vehicle import HEALTHY, Fault, check
 
 from raw2drive_ros.conformance.observation import Verdict
@@ -136,7 +131,7 @@ FAULTS = (
         'a camera upside down',
         'camera back_left: motion of the picture',
         'upside down',
-        look=lambda name, look, rig: look(rig[name])[:: -1 if name == 'back_left' else 1, :: -1 if name == 'back_left' else 1],
+        look=lambda name, look, rig: look(rig[name])[::-1, ::-1] if name == 'back_left' else look(rig[name]),
     ),
     Fault(
         'left and right exchanged',
@@ -158,19 +153,23 @@ FAULTS = (
         message=odometry(map_axes),
         yaw_rad=math.pi / 2,
     ),
-    Fault('300 ms of actuator delay', 'actuator delay: pedals', 'shorten the way', delay_s=0.3),
+    Fault('300 ms of actuator delay', 'actuator delay', 'shorten the way', delay_s=0.3),
     Fault('IMU yaw sign', 'imu: yaw rate', 'to the left is positive', message=imu(gyro(-1.0))),
     Fault('gyroscope in degrees', 'imu: yaw rate', 'degrees per second', message=imu(gyro(DEGREES))),
     Fault('gyroscope in degrees, standing', 'imu: at rest', 'not degrees', 'warning', message=imu(offset_in_degrees)),
-    Fault('odometry yaw rate in degrees', 'odometry: yaw rate', 'degrees per second', message=odometry(yaw_rate(DEGREES))),
-    Fault('odometry yaw rate sign', 'odometry: yaw rate', 'to the left is positive', message=odometry(yaw_rate(-1.0))),
+    Fault(
+        'odometry yaw rate in degrees', 'odometry: yaw rate', 'degrees per second', message=odometry(yaw_rate(DEGREES))
+    ),
+    Fault(
+        'yaw rate sign of odometry', 'odometry: yaw rate', 'to the left is positive', message=odometry(yaw_rate(-1.0))
+    ),
     Fault('speed in km/h', 'odometry: twist', 'km/h', message=odometry(speed(3.6))),
     Fault('heading to the right', 'odometry: heading', 'heading of the pose', message=odometry(heading_reversed)),
     Fault('IMU mounted backwards', 'imu: forward acceleration', 'looks backwards', message=imu(backwards)),
     Fault('cameras at 30 Hz', 'rate, 12 times', 'decimation:=3', 'warning', camera_hz=30),
     Fault('a stranger can drive it', 'a foreign command is refused', 'obey one publisher', obeys_strangers=True),
 )
-# Those that show while the car stands.
+# These show while the car stands.
 STANDING = ('gyroscope in degrees, standing',)
 
 
@@ -185,7 +184,10 @@ def names_it(fault: Fault, verdicts: list[Verdict]) -> bool:
     if not verdicts:
         return False
     first = verdicts[0]
-    return (first.check, first.severity) == (fault.check, fault.severity) and fault.words in f'{first.text} {first.remedy}'
+    return (first.check, first.severity) == (
+        fault.check,
+        fault.severity,
+    ) and fault.words in f'{first.text} {first.remedy}'
 
 
 def main() -> int:

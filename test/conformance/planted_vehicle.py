@@ -1,6 +1,5 @@
-"""The example's car with one fault, driven by check-vehicle's programme in this process: no ROS, no clock, no chance."""
+"""The example's car with one fault, driven by check-vehicle's programme in this process: no ROS, no wall clock."""
 
-import sys
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,12 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-ROOT = Path(__file__).resolve().parents[2]
-EXAMPLE = ROOT / 'examples' / 'vehicle_interface'
-sys.path.insert(0, str(EXAMPLE))
-
-from toy_vehicle import GRAVITY_MPS2, Plant, calibrations, painted_ground
-
+from examples.vehicle_interface.toy_vehicle import GRAVITY_MPS2, Plant, calibrations, painted_ground
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.sensors import (
     BASE_FRAME,
@@ -41,6 +35,7 @@ from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.tables.rates import DECISION_HZ, PHYSICS_HZ
 from raw2drive_ros.timing import load_timing
 
+EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'vehicle_interface'
 SETTINGS = yaml.safe_load((EXAMPLE / 'toy_vehicle.yaml').read_text())
 # Divisible by every rate that a camera may have here.
 TICK_HZ = 60
@@ -110,7 +105,9 @@ class PlantedVehicle:
         # Reused: making messages takes longer than anything else here.
         self.infos = {c.name: camera_info_to_message(self.factory, c, 1) for c in self.cameras}
         for camera in self.cameras:
-            pose = transform_to_message(self.factory, camera.base_from_camera, BASE_FRAME, optical_frame(camera.name), 1)
+            pose = transform_to_message(
+                self.factory, camera.base_from_camera, BASE_FRAME, optical_frame(camera.name), 1
+            )
             self._send(topics.extrinsics_topic(camera.name), pose)
 
     def command(self, control: Control, *, foreign: bool = False) -> None:
@@ -120,6 +117,10 @@ class PlantedVehicle:
             self.commands.accept(control.validate(), self.now_ns)
         except ContractError:
             return
+
+    def decide(self) -> None:
+        for _ in range(TICK_HZ // DECISION_HZ):
+            self.tick()
 
     def tick(self) -> None:
         expired = self.commands.last is None or self.commands.expired(self.now_ns)
@@ -171,7 +172,7 @@ def check(fault: Fault, *, motion: bool = True) -> list[Verdict]:
     listened = judge(collector.seen, rig)
     given_up = []
     if motion and not what_forbids_motion(listened):
-        given_up = drive(vehicle, collector)
+        given_up = drive_with(vehicle, collector)
     return conclude(collector.seen, listened, given_up)
 
 
@@ -183,17 +184,17 @@ def graph_says(seen: Observation, fault: Fault) -> None:
         seen.topics[name] = TopicSeen((spec.msgtype,), 1, fault.reliable or spec.qos.latched, spec.qos.latched)
 
 
-def drive(vehicle: PlantedVehicle, collector: Collector) -> list[Verdict]:
-    """The programme of --allow-motion, with commands at 10 Hz, as the probe sends them."""
+def drive_with(vehicle: Any, collector: Collector) -> list[Verdict]:
+    """The programme of --allow-motion, as the probe sends it; `vehicle.decide` lets a decision's time pass. Returns
+    why it was given up, if it was."""
     runner = Runner(collector.seen)
     try:
-        while (step := runner.order(vehicle.now_ns - round(vehicle.fault.age_s * 1e9))) is not None:
+        while (step := runner.order(collector.seen.odometry[-1].stamp_ns)) is not None:
             if step.control is not None:
                 vehicle.command(step.control)
             if step.foreign is not None:
                 vehicle.command(step.foreign, foreign=True)
-            for _ in range(TICK_HZ // DECISION_HZ):
-                vehicle.tick()
+            vehicle.decide()
     except UnsafeError as error:
         return [Verdict('motion', 'error', f'given up: {error}', 'mend that first')]
     return []
