@@ -23,6 +23,7 @@ GROUPS = {
         'carla': ('carla', 'a car of a CARLA server as the vehicle'),
         'call': ('call', 'call a service of a running node: activate, pause, reset, seek'),
         'faults': ('faults', 'list plans of faults, or put the fault injector into a running graph'),
+        'attack': ('attack', 'attack a running graph in 36 ways: does the car stand, and is it logged?'),
         'soak': ('soak', 'run the whole graph for hours: do memory, handles and logs stay flat?'),
     },
     'Learn': {

@@ -15,6 +15,8 @@ ODOMETRY = '/vehicle/odometry'
 ROUTE = '/planning/route'
 PROPOSED = '/control/proposed'
 COMMAND = '/control/command'
+STATUS = '/vehicle/status'
+AUTONOMY = '/vehicle/autonomy'
 BEV = '/privileged/bev'
 EGO = '/privileged/ego'
 TRANSITION = '/privileged/transition'
@@ -57,6 +59,7 @@ class Publisher(Enum):
     SIMULATION = 'bridge (training only)'
     PLANNER = 'planner'
     GATE = 'safety gate'
+    COMMAND_RECEIVER = 'bridge, vehicle or command adapter'
     COLLECTOR = 'collector'
     ANY_NODE = 'every node'
 
@@ -81,6 +84,9 @@ MOTION_QOS = QosProfile(depth=20)
 LATCHED_QOS = QosProfile(latched=True, depth=1)
 # Only the newest command counts.
 COMMAND_QOS = QosProfile(depth=1)
+STATUS_QOS = QosProfile(depth=5)
+# What is signed with the key that launcher, gate, planner and vehicle share: docs/security.md.
+SIGNED = (PROPOSED, COMMAND, STATUS)
 PRIVILEGED_QOS = QosProfile(depth=5)
 DIAGNOSTICS_QOS = QosProfile(depth=10)
 
@@ -93,6 +99,7 @@ class TopicSpec:
     """One row: message type, rate in Hz (or ON_CHANGE), QoS, publisher, and what it carries (prose for the document).
 
     optional: not always present: it replaces another topic when a parameter says so, or exists in collected bags only.
+    stamped: the message begins with a stamp, its own or that of its header.
     """
 
     name: str
@@ -102,6 +109,7 @@ class TopicSpec:
     publisher: Publisher
     carries: str
     optional: bool = False
+    stamped: bool = True
 
     @property
     def privileged(self) -> bool:
@@ -195,7 +203,7 @@ TOPICS: tuple[TopicSpec, ...] = (
         rate_hz=DECISION_HZ,
         qos=COMMAND_QOS,
         publisher=Publisher.PLANNER,
-        carries='named actuators: throttle, brake [0, 1], steer [-1, 1] left positive, reverse; stamp of the input',
+        carries='named actuators: throttle, brake [0, 1], steer [-1, 1] left positive, reverse; input stamp; signed',
     ),
     TopicSpec(
         name=COMMAND,
@@ -203,7 +211,26 @@ TOPICS: tuple[TopicSpec, ...] = (
         rate_hz=DECISION_HZ,
         qos=COMMAND_QOS,
         publisher=Publisher.GATE,
-        carries='the same fields after the gate; the only topic a vehicle obeys',
+        carries='the same fields after the gate, and `activation`; signed; the only topic a vehicle obeys',
+    ),
+    TopicSpec(
+        name=STATUS,
+        msgtype='sensor_msgs/msg/JointState',
+        rate_hz=DECISION_HZ,
+        qos=STATUS_QOS,
+        publisher=Publisher.COMMAND_RECEIVER,
+        carries='speed, whether the vehicle has stopped by itself, the newest `activation` it heard; signed',
+        optional=True,
+    ),
+    TopicSpec(
+        name=AUTONOMY,
+        msgtype='std_msgs/msg/Bool',
+        rate_hz=ON_CHANGE,
+        qos=LATCHED_QOS,
+        publisher=Publisher.COMMAND_RECEIVER,
+        carries='whether the car obeys commands; false: its driver has taken over, and the gate hands over (latched)',
+        optional=True,
+        stamped=False,
     ),
     TopicSpec(
         name=BEV,

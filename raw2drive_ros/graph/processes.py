@@ -68,9 +68,13 @@ class Graph:
         sim_time: bool = True,
         remap: dict[str, str] | None = None,
         end_within_s: float = END_WITHIN_S,
+        node: str = '',
     ) -> None:
-        """`python -m raw2drive_ros.nodes.<name>` with ROS parameters; remap: topic -> the one to use in its place."""
-        command = [sys.executable, '-m', f'raw2drive_ros.nodes.{name}', '--ros-args']
+        """`python -m raw2drive_ros.nodes.<name>` with ROS parameters; remap: topic -> the one to use in its place.
+
+        node: the module, where it is not called as the process.
+        """
+        command = [sys.executable, '-m', f'raw2drive_ros.nodes.{node or name}', '--ros-args']
         for key, value in ({'use_sim_time': sim_time} | parameters).items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             if isinstance(value, str):

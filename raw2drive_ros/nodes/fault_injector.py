@@ -18,6 +18,7 @@ from raw2drive_ros.contracts.errors import NodeError
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import behind_injector, load_plans, touched_topics
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
+from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class, profile_of
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
@@ -45,6 +46,7 @@ class FaultInjectorNode(Node):
         self.plan = p['plan']
         faults = file.plans[self.plan]
         self.injector = Injector(faults, p['seed'] if p['seed'] >= 0 else file.seed)
+        self.injector.key = load_key(self.context.get_domain_id())
         self.losses = LossCounter()
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.waiting: list[tuple[int, int, Publisher, bytes]] = []

@@ -5,6 +5,7 @@ This process cannot import privileged code nor subscribe to a privileged topic (
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from pathlib import Path
@@ -31,7 +32,9 @@ from raw2drive_ros.driving.monitor_config import load_monitor_config
 from raw2drive_ros.driving.planner_inputs import PlannerInputs
 from raw2drive_ros.driving.raw_planner import RawPlanner
 from raw2drive_ros.driving.sensor_monitor import Health
+from raw2drive_ros.driving.single_writer import Sender
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
+from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, spin, steady_clock
@@ -60,6 +63,7 @@ class PlannerNode(LifecycleNode):
         self.compressed = wants_compressed(self.p['image_transport'])
         self.factory = RclpyFactory()
         self.losses = LossCounter()
+        self.sender = Sender(topics.PROPOSED, load_key(self.context.get_domain_id()))
         self.planner: RawPlanner | None = None
         self.inputs: PlannerInputs | None = None
         self.failure = ''
@@ -151,7 +155,8 @@ class PlannerNode(LifecycleNode):
                 return
             decision = self.inputs.receive(topic, message, self._now_ns())
             if decision is not None:
-                self.output.publish(decision_to_message(self.factory, decision))
+                numbered = dataclasses.replace(decision, sequence=self.sender.next())
+                self.output.publish(self.sender.sign(decision_to_message(self.factory, numbered)))
             elif self.planner.failure:
                 self.get_logger().error(self.planner.failure, throttle_duration_sec=1.0)
 
