@@ -92,7 +92,8 @@ def _twist(moving: Steps) -> Iterator[Verdict]:
     x, y = moving.velocity_mps.T
     forward, left = x * cos + y * sin, y * cos - x * sin
     fast = float(np.median(moving.speed_mps))
-    gain = float(moving.forward_mps @ forward / max(forward @ forward, 1e-9))
+    ahead = np.abs(forward) > MOVES_MPS / 2.0
+    gain = _gain(moving.forward_mps[ahead], forward[ahead]) if ahead.any() else 0.0
     # Many vehicles leave the lateral part at zero, which says nothing about its axes.
     has_lateral = float(np.abs(moving.lateral_mps).max()) > 0.02
     part = moving.lateral_mps if has_lateral else np.zeros_like(x)

@@ -17,9 +17,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from msg_adapters.commands import decision_to_message
+from msg_adapters.commands import ACTIVATION, decision_to_message
 from msg_adapters.factory import RclpyFactory
 from msg_adapters.stamps import stamp_ns
+from msg_adapters.vehicle_status import status_from_message
 from raw2drive_ros.conformance.active import conclude, what_forbids_motion
 from raw2drive_ros.conformance.clock import VehicleClock
 from raw2drive_ros.conformance.collector import Collector
@@ -28,11 +29,13 @@ from raw2drive_ros.conformance.observation import TopicSeen, Verdict
 from raw2drive_ros.conformance.passive import expected, judge
 from raw2drive_ros.conformance.programme import BRAKE, FOREIGN, Runner, Step
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import BundleError, NodeError, UnsafeError
+from raw2drive_ros.contracts.errors import BundleError, ContractError, NodeError, UnsafeError
 from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.driving.bundle import load_bundle
+from raw2drive_ros.driving.single_writer import Sender
+from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
-from raw2drive_ros.nodes.quality import make_publisher, message_class
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription, message_class
 from raw2drive_ros.nodes.runtime import StopRequest, run_node
 from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
@@ -77,9 +80,13 @@ class VehicleProbeNode(Node):
         self.seen.wants_sim_time = bool(self.p['wants_sim_time'])
         self.clock = VehicleClock()
         self.output: Any = None
+        self.sender: Any = None
+        # Newest that the vehicle has heard, of a gate before us; ours are newer.
+        self.activation = 0
         self.stranger: Any = None
         # Step of the programme, and when it began.
         self.began = (-1, 0.0)
+        self.activated_at = -1
         self.odometry_at_s = 0.0
         self.odometry_good_s = load_timing().odometry_after_s
 
@@ -94,6 +101,7 @@ class VehicleProbeNode(Node):
         self._look_at_graph()
         for name in self.names:
             self._listen(name)
+        make_subscription(self, topics.STATUS, self._on_status, LossCounter())
         self._spin(executor, self.seen.seconds)
         if self.stop.requested:
             return
@@ -177,6 +185,7 @@ class VehicleProbeNode(Node):
         broken = what_forbids_motion(verdicts)
         if broken:
             return [Verdict('motion', 'skipped', f'not without {", ".join(broken)}', 'mend that first')]
+        self.sender = Sender(topics.COMMAND, load_key(self.context.get_domain_id()))
         self.output = make_publisher(self, topics.COMMAND)
         found: list[Verdict] = []
         runner = Runner(self.seen)
@@ -186,6 +195,7 @@ class VehicleProbeNode(Node):
                     found.append(Verdict(FOREIGN, 'skipped', 'the second publisher found no subscriber', 'try again'))
                     continue
                 self._require_running_clock(runner.index, step)
+                self._activate(runner)
                 self._step(executor, step)
         except UnsafeError as error:
             self.get_logger().error(f'{error}: braking')
@@ -257,13 +267,27 @@ class VehicleProbeNode(Node):
         except UnsafeError as error:
             self.get_logger().error(str(error))
 
+    def _activate(self, runner: Runner) -> None:
+        """A vehicle that has refused a command obeys again when it stands and is activated anew, as by a gate."""
+        if self.activated_at != runner.index and (not runner.index or runner.steps[runner.index - 1].until_standing):
+            self.activated_at = runner.index
+            self.activation += 1
+
+    def _on_status(self, message: Any) -> None:
+        try:
+            self.activation = max(self.activation, status_from_message(message).activation)
+        except ContractError as error:
+            self.get_logger().warning(f'{topics.STATUS}: {error}', throttle_duration_sec=5.0)
+
     def _now_ns(self) -> int:
         """The vehicle's time."""
         return self.clock.now_ns(time.monotonic())
 
     def _command(self, control: Control) -> None:
-        """Every command of the probe itself goes through here."""
-        self.output.publish(self._unsigned(control))
+        """Every command of the probe itself goes through here: signed, as the gate's."""
+        decision = Decision(self.seen.odometry[-1].stamp_ns, control, sequence=self.sender.next())
+        message = decision_to_message(RclpyFactory(), decision, {ACTIVATION: float(self.activation)})
+        self.output.publish(self.sender.sign(message))
 
     def _unsigned(self, control: Control) -> Any:
         """A command as anybody can write it."""
