@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raw2drive_ros.contracts.public import OdometrySample, Route
-from raw2drive_ros.driving.preprocessing import BEHIND_M, GAIN_M, REACHED_ALONG_M, SHORT_CUT, RouteProgress
+from raw2drive_ros.driving.preprocessing import (
+    BEHIND_M,
+    GAIN_M,
+    REACHED_AHEAD_M,
+    REACHED_ALONG_M,
+    SHORT_CUT,
+    RouteProgress,
+)
+from raw2drive_ros.evaluation.suites import load_suite
+from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 
 STEP_M = 0.5
 START = [(0, 0), (25, 0), (50, 0)]
@@ -195,3 +204,41 @@ def test_any_line_is_followed_in_its_order(legs, data) -> None:
     for arc_m, sample in along(points, step_m):
         progress.update(route_of(points), sample)
         assert arc_m - 1e-6 <= progress.arc_m <= arc_m + GAIN_M + step_m
+
+
+def passed_by_car_axes_alone(route: Route, samples) -> list[int]:
+    """The rule with which the shipped policy was trained: pass whatever is less than 4 m ahead in the car's axes."""
+    index, passed, last = 0, [], len(route.checkpoints_m) - 1
+    for sample in samples:
+        cos, sin = math.cos(sample.yaw_rad), math.sin(sample.yaw_rad)
+        ahead_m = (route.checkpoints_m - (sample.x_m, sample.y_m)) @ (cos, sin)
+        while index < last and ahead_m[index] <= REACHED_AHEAD_M:
+            index += 1
+        passed.append(index)
+    return passed
+
+
+@pytest.mark.parametrize('left_m', [0.0, 1.5, -3.5])
+def test_on_the_routes_of_a_suite_the_old_rule_says_the_same(left_m) -> None:
+    env = DrivingEnv(SimulationConfig(cameras=False, bev=False))
+    for name in load_suite('dev10').routes:
+        env.reset_to(name)
+        route, progress, passed, samples = env.route, RouteProgress(), [], []
+        for s_m in np.arange(1.0, env.world.goal_s_m, STEP_M):
+            x, y, yaw = env.world.route.pose(float(s_m))
+            samples.append(at(x - left_m * math.sin(yaw), y + left_m * math.cos(yaw), yaw))
+            progress.update(route, samples[-1])
+            passed.append(progress.next_index)
+        assert passed == passed_by_car_axes_alone(route, samples), name
+        assert passed[-1] == len(route.checkpoints_m) - 1
+
+
+def test_a_car_that_is_turned_sideways_does_not_lose_its_route() -> None:
+    """Noise of a collected drive turns the car about; the rule in the car's axes alone then goes on to the goal."""
+    points = [(0, -1.8), (25, -1.8), (50, -1.8), (62.2, 16.3), (62.2, 41.3), (62.2, 66.3), (62.3, 82.3)]
+    samples = [*(at(x, -1.8) for x in np.arange(0.0, 47.0, STEP_M)), at(51.2, 1.3, -0.43)]
+    progress = RouteProgress()
+    for sample in samples:
+        progress.update(route_of(points), sample)
+    assert progress.next_index == 3
+    assert passed_by_car_axes_alone(route_of(points), samples)[-1] == 6
