@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.settings import default_bundle
 
     chosen = DriverOptions(
-        bundle=options.bundle or default_bundle(),
+        bundle=(options.bundle or default_bundle()).resolve(),
         lock_step=options.lock_step,
         sim_time=options.sim_time,
         image_transport=options.image_transport,
