@@ -8,6 +8,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
+
 # Before it ends, the probe brakes until the car stands.
 BRAKE_WITHIN_S = 8.0
 
@@ -28,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seconds', type=float, default=5.0, help='how long to listen')
     parser.add_argument('--allow-motion', action='store_true', help='also drive the car')
     parser.add_argument('--sim-time', action='store_true', help='the vehicle publishes /clock')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
     parser.add_argument('--json', action='store_true', help='print the verdicts as JSON')
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
+
 EXAMPLES = """examples:
   raw2drive drive                                   the shipped policy, wall-clock gate
   raw2drive drive --bundle runs/bundle --lock-step  for a bridge in lock-step
@@ -22,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
     parser.add_argument('--gate', type=Path, help='file like params/gate.yaml: limits and stops of your car')
     parser.add_argument('--monitor', type=Path, help='file like params/monitor.yaml: what counts as a bad sensor')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -7,6 +7,8 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
+
 EXAMPLES = """examples:
   raw2drive replay runs/demo/bag                 for a planner that runs elsewhere (raw2drive drive --sim-time)
   raw2drive replay runs/demo/bag --rate 0.5
@@ -28,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--verify', action='store_true', help="compare the bundle's decisions with the bag's, bit for bit"
     )
     parser.add_argument('--bundle', type=Path, help='policy bundle for --verify (default: the shipped one)')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -156,4 +156,5 @@ def _checked(preset: str, model: dict[str, Any], train: dict[str, Any]) -> RunCo
     try:
         return RunConfig(preset=preset, model=ModelConfig(**model), train=TrainConfig(**train))
     except ValidationError as error:
-        raise ConfigError(f'preset {preset}: {problems(error)}') from error
+        kind = {'TrainConfig': TrainConfig, 'ModelConfig': ModelConfig}.get(error.title)
+        raise ConfigError(f'preset {preset}: {problems(error, kind)}') from error
