@@ -20,10 +20,10 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument('bundle', default_value=bundle, description='folder of the policy bundle'),
             SetEnvironmentVariable('FASTRTPS_DEFAULT_PROFILES_FILE', str(share / 'params' / 'fastdds.xml')),
-            Node(package='raw2drive_ros', executable='safety_gate', name='safety_gate'),
+            Node(package='raw2drive_ros', executable='raw2drive_safety_gate', name='safety_gate'),
             Node(
                 package='raw2drive_ros',
-                executable='planner',
+                executable='raw2drive_planner',
                 name='planner',
                 parameters=[{'bundle': LaunchConfiguration('bundle')}],
             ),

@@ -1,5 +1,6 @@
 """Launch files need `launch_ros`, which is not on PyPI: here they run against recording stand-ins."""
 
+import re
 import runpy
 import sys
 import types
@@ -53,11 +54,20 @@ def nodes(monkeypatch):
 @pytest.mark.parametrize('file', sorted((ROOT / 'launch').glob('*.launch.py')), ids=lambda p: p.name)
 def test_launch_file_starts_executables_and_parameters_that_exist(file, nodes) -> None:
     runpy.run_path(str(file))['generate_launch_description']()
-    assert {node['executable'] for node in nodes} >= {'planner', 'safety_gate'}
+    assert {node['executable'] for node in nodes} >= {'raw2drive_planner', 'raw2drive_safety_gate'}
     setup = (ROOT / 'setup.py').read_text()
     for node in nodes:
-        assert f"'{node['executable']} = raw2drive_ros.nodes.{node['executable']}:main'" in setup
-        source = (ROOT / 'raw2drive_ros' / 'nodes' / f'{node["executable"]}.py').read_text()
+        module = node['executable'].removeprefix('raw2drive_')
+        assert f"'{node['executable']} = raw2drive_ros.nodes.{module}:main'" in setup
+        source = (ROOT / 'raw2drive_ros' / 'nodes' / f'{module}.py').read_text()
         for parameters in node.get('parameters', []):
             for name in parameters:
                 assert name == 'use_sim_time' or f"'{name}': (" in source, name
+
+
+def test_every_executable_that_lands_on_the_path_has_our_name() -> None:
+    """pip puts them beside everybody else's programs: a `bridge` or a `player` of ours would hide theirs."""
+    lines = re.findall(r"^\s+'(\S+) = raw2drive_ros\.(\S+):main',$", (ROOT / 'setup.py').read_text(), re.MULTILINE)
+    assert len(lines) >= 10
+    for executable, module in lines:
+        assert executable == 'raw2drive' or executable == f'raw2drive_{module.removeprefix("nodes.")}'

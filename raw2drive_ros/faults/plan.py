@@ -120,7 +120,7 @@ def load_plan(plans: str, plan: str) -> list[Fault]:
     """The faults of one plan of a file of plans, see `load_plans`. Raises ConfigError."""
     known = load_plans(plans).plans
     if plan not in known:
-        raise ConfigError(unknown_name(f'plan of {plans}', plan, known))
+        raise ConfigError(unknown_name('plan', plan, known, f' (plans of {plans})'))
     return known[plan]
 
 
