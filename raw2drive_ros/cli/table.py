@@ -67,6 +67,9 @@ def print_results(result: dict[str, Any]) -> None:
     done = sum(row['route_completion'] >= 90 for row in result['routes'])
     console.print(f'{done} of {len(result["routes"])} routes with completion >= 90 %')
     timing = result['timing']
+    if timing['ticks_per_s'] is None:
+        # Every route was driven by an earlier call.
+        return
     line = f'{timing["ticks_per_s"]} ticks/s, tick p50 {timing["tick_ms"]["p50"]} ms, p99 {timing["tick_ms"]["p99"]} ms'
     if 'planner_ms' in timing:
         planner = timing['planner_ms']

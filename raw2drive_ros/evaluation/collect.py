@@ -12,7 +12,7 @@ from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import advice_to_message
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.evaluation.collection_journal import CollectionJournal, FinishedBag
+from raw2drive_ros.evaluation.collection_journal import FinishedBag, open_journal
 from raw2drive_ros.evaluation.episode import as_received
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.tick_messages import TickMessages
@@ -88,8 +88,7 @@ def collect(
     env = DrivingEnv(simulation)
     messages = TickMessages(RosbagsFactory(), env.rig)
     number = done_ticks = 0
-    journal = CollectionJournal(folder, _bag_name(config, provenance, 0), what)
-    with journal.alone():
+    with open_journal(folder, _bag_name(config, provenance, 0), what) as journal:
         while done_ticks < config.ticks:
             path = folder / _bag_name(config, provenance, number)
             if (done := journal.whole(path.name)) is not None:

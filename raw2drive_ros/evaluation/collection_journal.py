@@ -13,9 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
-from raw2drive_ros.artifact import write_whole
 from raw2drive_ros.contracts.errors import BagExistsError
 from raw2drive_ros.recording.bag_reader import partial_folder
 
@@ -30,52 +29,38 @@ class FinishedBag:
     clock_ns: int
 
 
-class CollectionJournal:
-    """folder, first: where the bags go, and the name of the first one. what: JSON values that say what is collected.
+@contextmanager
+def open_journal(folder: Path, first: str, what: dict[str, Any]) -> Iterator[CollectionJournal]:
+    """The notes of a collection whose first bag in `folder` has the name `first`, for this process alone.
 
-    Raises BagExistsError when bags of another collection with the same first bag are there.
+    what: JSON values that say what is collected. Raises BagExistsError when the bags that are there are those of
+    another collection, or while another process collects them.
     """
-
-    def __init__(self, folder: Path, first: str, what: dict[str, Any]) -> None:
-        self.folder = folder
-        self.file = folder / f'.{first}.collection.jsonl'
-        self.begun: set[str] = set()
-        self.finished: dict[str, FinishedBag] = {}
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / f'.{first}.collection.jsonl').open('a+') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise BagExistsError(f'{folder}: another process is collecting these bags') from error
         what = json.loads(json.dumps(what))
-        lines = self._lines()
-        if lines and any((folder / str(line.get('bag'))).exists() for line in lines[1:]):
-            _require_same(folder, lines[0], what)
-            for line in lines[1:]:
-                self.begun.add(line['bag'])
-                if 'ticks' in line:
-                    self.finished[line['bag']] = FinishedBag(**line)
-        folder.mkdir(parents=True, exist_ok=True)
-        known = [{'bag': bag} for bag in sorted(self.begun)] + [asdict(bag) for bag in self.finished.values()]
-        write_whole(self.file, ''.join(json.dumps(line) + '\n' for line in (what, *known)))
+        notes = _whole_notes(file)
+        if any(_there(folder, note) for note in notes):
+            _require_same(folder, notes[0], what)
+        if notes[:1] != [what]:
+            # The first call, or nothing is left of another collection.
+            file.truncate(0)
+            notes = [what]
+            _write(file, what)
+        yield CollectionJournal(folder, file, notes[1:])
 
-    def _lines(self) -> list[dict[str, Any]]:
-        """The notes of earlier calls; a line that a killed writer left unfinished ends them."""
-        found = []
-        if self.file.is_file():
-            for text in self.file.read_text(errors='replace').splitlines():
-                try:
-                    line = json.loads(text)
-                except ValueError:
-                    break
-                if not isinstance(line, dict):
-                    break
-                found.append(line)
-        return found
 
-    @contextmanager
-    def alone(self) -> Iterator[None]:
-        """Raises BagExistsError while another process collects the same bags."""
-        with self.file.open('a') as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise BagExistsError(f'{self.folder}: another process is collecting these bags') from error
-            yield
+class CollectionJournal:
+    """notes: of earlier calls, without the first line."""
+
+    def __init__(self, folder: Path, file: TextIO, notes: list[dict[str, Any]]) -> None:
+        self.folder, self.file = folder, file
+        self.begun = {note['bag'] for note in notes}
+        self.finished = {note['bag']: FinishedBag(**note) for note in notes if 'ticks' in note}
 
     def whole(self, bag: str) -> FinishedBag | None:
         """The note of a bag that is there and finished, or None."""
@@ -88,16 +73,40 @@ class CollectionJournal:
                 if path.is_dir():
                     shutil.rmtree(path)
         self.begun.add(bag)
-        self._append({'bag': bag})
+        self.finished.pop(bag, None)
+        _write(self.file, {'bag': bag})
 
     def finish(self, done: FinishedBag) -> None:
         """Note that a bag is finished; a note counts only while the bag is there."""
         self.finished[done.bag] = done
-        self._append(asdict(done))
+        _write(self.file, asdict(done))
 
-    def _append(self, line: dict[str, Any]) -> None:
-        with self.file.open('a') as file:
-            file.write(json.dumps(line) + '\n')
+
+def _write(file: TextIO, note: dict[str, Any]) -> None:
+    file.write(json.dumps(note) + '\n')
+    file.flush()
+
+
+def _whole_notes(file: TextIO) -> list[dict[str, Any]]:
+    """The notes of earlier calls; a line that a killed writer left unfinished is cut off."""
+    file.seek(0)
+    found, whole = [], 0
+    for line in file.read().splitlines(keepends=True):
+        try:
+            note = json.loads(line)
+        except ValueError:
+            note = None
+        if not isinstance(note, dict) or not line.endswith('\n') or (found and 'bag' not in note):
+            break
+        found.append(note)
+        whole += len(line.encode())
+    file.truncate(whole)
+    return found
+
+
+def _there(folder: Path, note: dict[str, Any]) -> bool:
+    bag = folder / str(note.get('bag', ''))
+    return 'bag' in note and (bag.exists() or partial_folder(bag).exists())
 
 
 def _require_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
