@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from raw2drive_ros.training.config import TrainConfig, with_both_shares
-from raw2drive_ros.training.recipe import Recipe
-from raw2drive_ros.training.run import DEFAULT_PRESET, configuration
+if TYPE_CHECKING:
+    from raw2drive_ros.training.recipe import Recipe
 
 
 def print_config(run: Path | None, preset: str | None, overrides: dict[str, Any], recipe: Recipe | None) -> None:
@@ -15,6 +14,8 @@ def print_config(run: Path | None, preset: str | None, overrides: dict[str, Any]
 
     Raises what `training.run.configuration` raises.
     """
+    from raw2drive_ros.training.run import configuration
+
     settings = overrides if recipe is None else recipe.settings(0, overrides)
     config = configuration(run, preset if recipe is None else recipe.preset, settings)
     sources = _sources(run, config.preset, overrides, recipe)
@@ -33,6 +34,7 @@ def _sources(run: Path | None, preset: str, overrides: dict[str, Any], recipe: R
     """'model', 'train': field -> where its value comes from, of those that are neither defaults nor the run's own.
     'run': whether the folder is that of an existing run."""
     from raw2drive_ros.settings import load_preset
+    from raw2drive_ros.training.config import with_both_shares
     from raw2drive_ros.world_model.run_files import CHECKPOINTS, newest_checkpoint
 
     existing = run is not None and newest_checkpoint(run / CHECKPOINTS) is not None
@@ -53,6 +55,8 @@ def print_fields() -> None:
     from rich.table import Table
 
     from raw2drive_ros.cli.table import add_column, wide_console
+    from raw2drive_ros.training.config import TrainConfig
+    from raw2drive_ros.training.run import DEFAULT_PRESET
 
     table = Table(title=f'--set FIELD=VALUE (presets set others; default preset: {DEFAULT_PRESET})')
     for title in ('field', 'type', 'default', 'meaning'):
