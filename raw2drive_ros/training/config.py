@@ -156,5 +156,6 @@ def _checked(preset: str, model: dict[str, Any], train: dict[str, Any]) -> RunCo
     try:
         return RunConfig(preset=preset, model=ModelConfig(**model), train=TrainConfig(**train))
     except ValidationError as error:
-        kind = {'TrainConfig': TrainConfig, 'ModelConfig': ModelConfig}.get(error.title)
+        kinds: dict[str, type[Strict]] = {'TrainConfig': TrainConfig, 'ModelConfig': ModelConfig}
+        kind = kinds.get(error.title)
         raise ConfigError(f'preset {preset}: {problems(error, kind)}') from error
