@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
+from raw2drive_ros.cli.domain_option import add_domain_argument, heard_nobody, nothing_there
 from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 EXAMPLES = """examples:
@@ -33,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--snapshot-s', type=float, default=0.0, help='keep the last seconds, write them when asked')
     parser.add_argument('--flush-s', type=float, default=0.5, help='what a kill can lose')
     parser.add_argument('--fail-on-loss', action='store_true', help='exit code 1 when a message was lost')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -52,6 +54,8 @@ def run(options: argparse.Namespace) -> int:
     finally:
         if options.out.exists():
             _tell(options.out)
+            if heard_nobody(options.out):
+                print(nothing_there(options.domain), file=sys.stderr)
 
 
 def _tell(out: Path) -> None:
