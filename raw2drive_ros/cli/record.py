@@ -14,6 +14,11 @@ EXAMPLES = """examples:
   raw2drive record --out runs/stops --snapshot-s 20   the last 20 s before each stop of the gate, or on demand:
                                                 service /recorder/save (std_srvs/Trigger)
 
+When time goes back (a simulation is reset, a bag is played in a loop, the system clock is set back) a new bag begins:
+NAME/NAME_001 inside the folder of the bag NAME, and so on. A message's log_time is when it was received, by this
+machine's clock; its publish_time is its own stamp, by which everything here reads.
+raw2drive bag doctor tells the delay.
+
 A kill loses at most what came in the last --flush-s seconds: raw2drive bag recover runs/my_bag --out runs/saved
 
 See also: raw2drive collect, which drives and records without a graph."""
@@ -46,4 +51,20 @@ def run(options: argparse.Namespace) -> int:
         return run_single({'recorder': parameters}, options.domain, namespace=options.namespace, sim_time=False)
     finally:
         if options.out.exists():
-            print(f'bag: {options.out}; next: raw2drive bag info {options.out}')
+            _tell(options.out)
+
+
+def _tell(out: Path) -> None:
+    from raw2drive_ros.contracts.errors import BagError
+    from raw2drive_ros.recording.bag_info import provenance_of
+    from raw2drive_ros.recording.bag_reader import find_bags
+
+    print(f'bag: {out}; next: raw2drive bag info {out}')
+    try:
+        for bag in find_bags([out]):
+            began = provenance_of(bag).get('began', '')
+            if began.startswith('time went back'):
+                print(f'{began}: {bag} holds another drive')
+    except BagError:
+        # Nothing was closed: the recorder itself has said why.
+        return

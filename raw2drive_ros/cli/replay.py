@@ -16,7 +16,9 @@ EXAMPLES = """examples:
   raw2drive replay runs/demo/bag --verify        decide again in process and compare with the recorded commands
   raw2drive replay runs/demo/bag --verify --bundle runs/new_bundle     where and by how much does it decide differently?
 
---verify ends with 0 when every decision is the same, bit for bit, and with 1 otherwise."""
+--verify ends with 0 when every decision is the same, bit for bit, and with 1 otherwise. A bag in which time goes back
+holds several drives: each is verified, or played, by itself. Proposals that were lost in the recording are counted by
+the numbers that they carry; decisions of which the bag does not hold what led to them are counted, and not compared."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.contracts.errors import UsageError
-    from raw2drive_ros.recording.bag_reader import begin_ns, open_bag
+    from raw2drive_ros.recording.bag_reader import open_bag
+    from raw2drive_ros.recording.line_reader import lasts_s, time_lines
 
     if options.bundle is not None and not options.verify:
         raise UsageError('--bundle goes with --verify; otherwise the planner that is running decides')
@@ -45,9 +48,10 @@ def run(options: argparse.Namespace) -> int:
     with open_bag(options.bag) as reader:
         if not reader.message_count:
             raise UsageError(f'{options.bag}: holds no messages')
-        lasts_s = (reader.end_time - begin_ns(reader)) * 1e-9
-    if options.start > lasts_s:
-        raise UsageError(f'--start {options.start:g}: the bag lasts {lasts_s:.1f} s')
+        # Where time goes back, its drives are played one after the other.
+        whole_s = lasts_s(time_lines(reader)) if options.start else 0.0
+    if options.start > whole_s:
+        raise UsageError(f'--start {options.start:g}: the bag lasts {whole_s:.1f} s')
     if options.verify:
         from raw2drive_ros.evaluation.verify import verify_bag
         from raw2drive_ros.settings import default_bundle

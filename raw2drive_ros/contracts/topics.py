@@ -71,12 +71,14 @@ class QosProfile:
     """QoS that publishers offer and our subscriptions request; the history is always KEEP_LAST.
 
     reliable: RELIABLE, otherwise BEST_EFFORT. latched: TRANSIENT_LOCAL, otherwise VOLATILE. depth: messages queued for
-    a busy subscriber and, where latched, kept for late subscribers.
+    a busy subscriber and, where latched, kept for late subscribers. kept: messages that a publisher can send again to a
+    subscriber with a deeper queue, such as the recorder, which has missed them; 0: as many as `depth`.
     """
 
     reliable: bool = True
     latched: bool = False
     depth: int
+    kept: int = 0
 
 
 CLOCK_QOS = QosProfile(depth=10)
@@ -84,8 +86,8 @@ CAMERA_QOS = QosProfile(depth=5)
 # A second of samples.
 MOTION_QOS = QosProfile(depth=20)
 LATCHED_QOS = QosProfile(latched=True, depth=1)
-# Only the newest command counts.
-COMMAND_QOS = QosProfile(depth=1)
+# Only the newest command counts for who obeys it, but a recorder that was busy for seconds gets all of them.
+COMMAND_QOS = QosProfile(depth=1, kept=50)
 STATUS_QOS = QosProfile(depth=5)
 # What is signed with the key that launcher, gate, planner and vehicle share: docs/security.md.
 SIGNED = (PROPOSED, COMMAND, STATUS)
@@ -296,6 +298,7 @@ def markdown_table() -> str:
         rate = f'{spec.rate_hz:g}' if spec.rate_hz else 'latched'
         quality = 'reliable' if spec.qos.reliable else 'best effort'
         quality += (', transient local' if spec.qos.latched else '') + f', depth {spec.qos.depth}'
+        quality += f' (publisher {spec.qos.kept})' if spec.qos.kept else ''
         lines.append(
             f'| `{spec.name}` | {spec.msgtype.replace("/msg/", "/")} | {rate} | {quality} '
             f'| {spec.publisher.value} | {spec.carries} |'

@@ -19,6 +19,7 @@ from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.quality import make_publisher
 from raw2drive_ros.nodes.runtime import run_node
 from raw2drive_ros.recording.bag_reader import begin_ns, messages_in, open_bag
+from raw2drive_ros.recording.line_reader import AnyReader, lasts_s, time_lines
 
 SEEK, END, ENDED = 'seek', 'end', 'interrupted'
 POLL_S = 0.05
@@ -71,23 +72,33 @@ class PlayerNode(Node):
             names |= {spec.name for spec in topics.TOPICS if spec.privileged}
         try:
             with open_bag(Path(self.p['bag'])) as reader:
-                connections = [c for c in reader.connections if c.topic in names]
+                connections = self._playable([c for c in reader.connections if c.topic in names])
                 if not connections:
                     raise NodeError(f'{self.p["bag"]}: has no topic that could be played')
-                self.lasts_s = (reader.end_time - begin_ns(reader)) * 1e-9
+                lines = time_lines(reader)
+                if len(lines) > 1:
+                    self.get_logger().info(f'time goes back in this bag: {len(lines)} drives, one after the other')
+                self.lasts_s = lasts_s(lines)
                 self._prepare(connections, executor)
                 how = SEEK
                 while how == SEEK or (how == END and self.p['loop']):
                     self.seek = False
-                    how = self._play(reader, connections, executor)
+                    how = self._play(lines, connections, executor)
         except BagError as error:
             raise NodeError(str(error)) from error
         self.get_logger().info(f'played {self.played} messages')
 
+    def _playable(self, connections: list[Any]) -> list[Any]:
+        """Those of the table's types: bytes of another type under a known name would be misread by every subscriber."""
+        foreign = {c.topic: c.msgtype for c in connections if c.msgtype != topics.BY_NAME[c.topic].msgtype}
+        for topic, msgtype in foreign.items():
+            self.get_logger().warning(f'{topic} is {msgtype}, not {topics.BY_NAME[topic].msgtype}: not played')
+        return [c for c in connections if c.topic not in foreign]
+
     def _prepare(self, connections: list[Any], executor: SingleThreadedExecutor) -> None:
         self.clock = make_publisher(self, topics.CLOCK)
         self.outputs = {c.topic: make_publisher(self, c.topic) for c in connections}
-        front = self.outputs.get(topics.image_topic('front'))
+        front = self.outputs.get(topics.image_topic('front')) or self.outputs.get(topics.compressed_topic('front'))
         deadline, said = time.monotonic() + WAIT_S, False
         while front is not None and front.get_subscription_count() < self.p['wait_for_subscribers']:
             if time.monotonic() > deadline:
@@ -99,16 +110,31 @@ class PlayerNode(Node):
                     f'waiting for a planner, for {WAIT_S:.0f} s at most: raw2drive drive --sim-time, in the same domain'
                 )
 
-    def _play(self, reader: Any, connections: list[Any], executor: SingleThreadedExecutor) -> str:
-        begins_ns = begin_ns(reader)
-        start_ns = begins_ns + round(float(self.get_parameter('start_s').value or 0.0) * 1e9)
-        if start_ns > reader.end_time:
+    def _play(self, lines: list[AnyReader], connections: list[Any], executor: SingleThreadedExecutor) -> str:
+        left_ns = round(float(self.get_parameter('start_s').value or 0.0) * 1e9)
+        for line in lines:
+            begins_ns = begin_ns(line)
+            lasts_ns = line.end_time - begins_ns
+            if left_ns > lasts_ns:
+                left_ns -= lasts_ns
+                continue
+            how = self._play_line(line, connections, begins_ns + left_ns, executor)
+            if how != END:
+                return how
+            left_ns = 0
+        if left_ns:
             raise NodeError(f'start_s is beyond the end of the bag, which lasts {self.lasts_s:.1f} s')
+        return END
+
+    def _play_line(
+        self, line: AnyReader, connections: list[Any], start_ns: int, executor: SingleThreadedExecutor
+    ) -> str:
         self._set_clock(start_ns)
-        self._publish_latched(reader, connections, start_ns)
+        self._publish_latched(line, connections, start_ns)
         anchor_s, anchor_ns, rate = time.monotonic(), start_ns, self._rate()
-        for connection, stamp_ns, data in messages_in(reader, connections=connections, start=start_ns):
-            if stamp_ns != self.now_ns:
+        for connection, stamp_ns, data in messages_in(line, connections=connections, start=start_ns):
+            # One time line of several comes in the order of arrival: a stamp may be a little behind.
+            if stamp_ns > self.now_ns:
                 was_paused = self.paused
                 if was_paused and self._wait_while_paused(executor):
                     return SEEK if self.seek else ENDED
@@ -136,12 +162,12 @@ class PlayerNode(Node):
         self.steps = max(0, self.steps - 1)
         return self.seek
 
-    def _publish_latched(self, reader: Any, connections: list[Any], start_ns: int) -> None:
+    def _publish_latched(self, line: AnyReader, connections: list[Any], start_ns: int) -> None:
         """Publish the last routes and mounting poses from before the start, which are not sent again."""
         latched = [c for c in connections if topics.BY_NAME[c.topic].qos.latched]
         last: dict[str, bytes] = {}
         if latched:
-            for connection, _, data in messages_in(reader, connections=latched, stop=start_ns):
+            for connection, _, data in messages_in(line, connections=latched, stop=start_ns):
                 last[connection.topic] = bytes(data)
         for topic, data in last.items():
             self.outputs[topic].publish(data)

@@ -118,7 +118,7 @@ def make_publisher(node: Node, topic: str) -> Publisher:
         node.create_publisher(
             message_class(spec.msgtype),
             expanded_name(node, topic),
-            profile_of(spec),
+            profile_of(spec, spec.qos.kept or None),
             event_callbacks=PublisherEventCallbacks(),
         ),
         _PUBLISHER_DISCOVERY,
@@ -133,18 +133,23 @@ def make_subscription(
     *,
     raw: bool = False,
     depth: int | None = None,
+    best_effort: bool = False,
 ) -> Subscription:
     """A subscription with type and QoS of the topic table; its lost messages are counted in `losses`.
 
     raw: the callback takes CDR bytes instead of messages. depth: messages to queue, in place of the table's.
+    best_effort: take a publisher that offers no more; latched topics stay reliable.
     """
     spec = topics.BY_NAME[topic]
+    profile = profile_of(spec, depth)
+    if best_effort and not spec.qos.latched:
+        profile.reliability = ReliabilityPolicy.BEST_EFFORT
     return _handle_in_windows(
         node.create_subscription(
             message_class(spec.msgtype),
             expanded_name(node, topic),
             callback,
-            profile_of(spec, depth),
+            profile,
             raw=raw,
             event_callbacks=losses.events(topic),
         ),

@@ -1,9 +1,9 @@
-"""Recorder: writes every topic of the table into MCAP bags, as raw CDR with the messages' own stamps."""
+"""Recorder: writes every topic of the table into MCAP bags, as raw CDR with the messages' own stamps and, as log_time,
+when they were received (system clock)."""
 
 from __future__ import annotations
 
 import json
-import struct
 import time
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_
 from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_clock
 from raw2drive_ros.recording.bag_reader import partial_folder
 from raw2drive_ros.recording.recorder import Recording, RingBuffer
+from raw2drive_ros.recording.time_lines import stamp_of
 from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ
 
 DEPTH = 200
@@ -32,7 +33,9 @@ DRAIN_LIMIT_S = 0.8
 class RecorderNode(Node):
     """Ctrl-C and SIGTERM close the bag after all messages received so far are written. Loss is reported per topic.
 
-    With `snapshot_s` the last seconds are kept in memory, and written when ~/save is called or the gate stops the car.
+    When time goes back (a simulation reset, a bag in a loop, the system clock set back) a new bag begins, and the log
+    and /diagnostics say so. With `snapshot_s` the last seconds are kept in memory, and written when ~/save is called or
+    the gate stops the car.
     """
 
     drains = True
@@ -80,12 +83,14 @@ class RecorderNode(Node):
             make_subscription(self, spec.name, self._writer(spec.name), self.losses, raw=True, depth=DEPTH)
 
     def _writer(self, topic: str) -> Any:
-        def callback(data: bytes) -> None:
+        msgtype = topics.BY_NAME[topic].msgtype
+
+        # With two arguments rclpy also gives what the middleware knows of the message.
+        def callback(data: bytes, info: Any) -> None:
             if self.failed:
                 return
-            # After the 4-byte CDR header, every type of the table starts with its stamp.
-            sec, nanosec = struct.unpack_from('<iI', data, 4)
-            stamp_ns = sec * 1_000_000_000 + nanosec
+            received_ns = info['received_timestamp'] or time.time_ns()
+            stamp_ns = stamp_of(msgtype, data) or 0
             if topic == topics.CLOCK:
                 self.clock_ns = stamp_ns
             elif topic == topics.DIAGNOSTICS and self.clock_ns:
@@ -93,13 +98,14 @@ class RecorderNode(Node):
                 stamp_ns = self.clock_ns
             if self.ring is not None:
                 # Age in simulated time where there is one: lock-step is faster or slower than the wall clock.
-                self.ring.add(topic, stamp_ns, data, self.clock_ns or time.monotonic_ns())
+                self.ring.add(topic, stamp_ns, data, self.clock_ns or time.monotonic_ns(), received_ns)
                 if topic == topics.DIAGNOSTICS:
                     self._watch_gate(data)
                 return
             try:
                 assert self.recording is not None
-                self.recording.write(topic, stamp_ns, data)
+                self.recording.write(topic, stamp_ns, data, received_ns)
+                self._tell()
             except DiskFullError as error:
                 self._fail(error)
 
@@ -109,8 +115,18 @@ class RecorderNode(Node):
         if self.recording is not None and not self.failed:
             try:
                 self.recording.flush()
+                self._tell()
             except OSError as error:
                 self._fail(error)
+
+    def _tell(self) -> None:
+        """Log what the recording has to say, such as time that went back."""
+        assert self.recording is not None
+        if self.recording.notes:
+            for text in self.recording.notes:
+                self.get_logger().warning(text)
+            self.recording.notes.clear()
+            self.diagnostics.publish()
 
     def _fail(self, error: OSError) -> None:
         """Ends the node with an error: a recorder that records nothing must not look alive."""
@@ -122,8 +138,18 @@ class RecorderNode(Node):
         values = {'messages': self._received(), 'messages_lost': self.losses.total, 'snapshots': len(self.snapshots)}
         if self.failed:
             return ERROR, f'recording stopped: {self.failed}', values
-        doing = 'recording' if self.ring is None else f'holding the last {self.p["snapshot_s"]:g} s'
-        return WARN if self.losses.total else OK, doing, values
+        if self.recording is None:
+            return WARN if self.losses.total else OK, f'holding the last {self.p["snapshot_s"]:g} s', values
+        back, strays, untimed = self.recording.went_back, self.recording.strays, self.recording.untimed
+        values |= {'time_went_back': len(back), 'bags_closed': len(self.recording.bags)}
+        values |= {f'stamps_back{topic}': count for topic, count in strays.items()}
+        values |= {f'without_time{topic}': count for topic, count in untimed.items()}
+        doing = 'recording'
+        if back:
+            doing += f'; {back[-1]}: a new bag was begun'
+        elif strays or untimed:
+            doing += f'; stamps of {", ".join(sorted(strays | untimed))} do not tell the time'
+        return WARN if self.losses.total or back or strays or untimed else OK, doing, values
 
     def _watch_gate(self, data: bytes) -> None:
         """Save a snapshot when the safety gate stops the car: what led to the stop is still in memory."""
@@ -193,6 +219,8 @@ class RecorderNode(Node):
             return
         recording, self.recording = self.recording, None
         bags = [str(bag) for bag in recording.close()] if recording is not None else self.snapshots
+        for text in recording.notes if recording is not None else ():
+            self.get_logger().warning(text)
         self.ring = None
         gaps = recording.largest_gap_ns if recording is not None else {}
         report = {
@@ -202,6 +230,7 @@ class RecorderNode(Node):
             'lost': self.losses.lost,
             'largest_gap_s': {topic: round(gap * 1e-9, 3) for topic, gap in gaps.items()},
             'messages_lost': self.losses.total,
+            'time_went_back': recording.went_back if recording is not None else [],
             'failed': self.failed,
         }
         if self.p['stats_file']:

@@ -25,6 +25,7 @@ from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
 from raw2drive_ros.contracts.public import CameraCalibration, Image8, ImuSample, OdometrySample, Route
+from raw2drive_ros.recording.stamped_mcap import StampedReader
 
 # Files of a bag, each of which may be given in place of its folder.
 BAG_FILES = ('.mcap', '.db3', '.yaml')
@@ -64,7 +65,7 @@ def open_bag(path: Path) -> Iterator[Reader]:
         alone = '; `raw2drive bag recover` makes a bag of it' if path.suffix == '.mcap' else _whose(folder)
         raise BagError(f'{path}: not a complete bag (no metadata.yaml){alone}')
     try:
-        reader = Reader(folder)
+        reader = StampedReader(folder)
         reader.open()
     except Exception as error:
         # Damaged files raise all kinds of errors in the library, MemoryError for absurd lengths among them.

@@ -19,7 +19,7 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.typesys import get_types_from_msg
 
@@ -28,6 +28,7 @@ from raw2drive_ros import __version__
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagExistsError, DiskFullError
 from raw2drive_ros.recording.bag_reader import partial_folder
+from raw2drive_ros.recording.stamped_mcap import StampedWriter
 
 MIN_FREE_BYTES = 500_000_000
 CHECK_SPACE_EVERY_BYTES = 50_000_000
@@ -122,7 +123,7 @@ class BagWriter:
             shutil.rmtree(self.root)
         self.root.mkdir(parents=True)
         self.factory = RosbagsFactory()
-        self.writer = Writer(self.partial, version=9, storage_plugin=StoragePlugin.MCAP)
+        self.writer = StampedWriter(self.partial, version=9, storage_plugin=StoragePlugin.MCAP)
         if compress:
             self.writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         metadata = {
@@ -132,15 +133,14 @@ class BagWriter:
             'recorded_at': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()),
         }
         metadata |= provenance or {}
-        for key, value in metadata.items():
-            self.writer.set_custom_data(key, value)
+        self.metadata: dict[str, str] = {}
+        self.note(metadata)
         self.writer.open()
-        # metadata.yaml is written when the bag is closed; for a writer that is killed before, this file keeps it.
-        (self.root / PROVENANCE).write_text(json.dumps(metadata))
         self.connections: dict[str, Connection] = {}
         self.counts: dict[str, int] = {}
         self.bytes = self.checked_bytes = 0
         self.first_ns: int | None = None
+        self.begins_ns: dict[str, int] = {}
         self.last_ns: dict[str, int] = {}
         self.largest_gap_ns: dict[str, int] = {}
 
@@ -158,20 +158,37 @@ class BagWriter:
         else:
             self.abort()
 
+    def note(self, metadata: dict[str, str]) -> None:
+        """Add to the provenance, any time before the bag is closed."""
+        self.metadata |= metadata
+        for key, value in metadata.items():
+            self.writer.set_custom_data(key, value)
+        # metadata.yaml is written when the bag is closed; for a writer that is killed before, this file keeps it.
+        (self.root / PROVENANCE).write_text(json.dumps(self.metadata))
+
     def write(self, topic: str, stamp_ns: int, message: Any) -> None:
         spec = topics.BY_NAME[topic]
         self.write_raw(topic, stamp_ns, self.factory.serialize(message, spec.msgtype))
 
-    def write_raw(self, topic: str, stamp_ns: int, data: bytes, foreign: tuple[str, str] | None = None) -> None:
-        """foreign: message type and its definition, for topics that are not in our table."""
+    def write_raw(
+        self,
+        topic: str,
+        stamp_ns: int,
+        data: bytes,
+        foreign: tuple[str, str] | None = None,
+        received_ns: int | None = None,
+    ) -> None:
+        """foreign: message type and its definition, for topics that are not in our table. received_ns: time of
+        reception (system clock), the message's log_time; None: its stamp, where nobody received it."""
         if topic not in self.connections:
             self.connections[topic] = self._connect(topic, foreign)
-        self.writer.write(self.connections[topic], stamp_ns, data)
+        self.writer.write_at(self.connections[topic], stamp_ns, received_ns, data)
         self.counts[topic] = self.counts.get(topic, 0) + 1
         self.bytes += len(data)
         self.first_ns = stamp_ns if self.first_ns is None else min(self.first_ns, stamp_ns)
         gap_ns = stamp_ns - self.last_ns.get(topic, stamp_ns)
         self.largest_gap_ns[topic] = max(self.largest_gap_ns.get(topic, 0), gap_ns)
+        self.begins_ns.setdefault(topic, stamp_ns)
         self.last_ns[topic] = stamp_ns
         if self.bytes - self.checked_bytes > CHECK_SPACE_EVERY_BYTES:
             self.checked_bytes = self.bytes

@@ -12,6 +12,7 @@ from msg_adapters.privileged import transition_from_message
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagError, ContractError
 from raw2drive_ros.recording.bag_reader import begin_ns, decoded, messages_in, open_bag
+from raw2drive_ros.recording.line_reader import time_lines
 
 LEVELS = ('ok', 'warning', 'error', 'stale')
 FIGURES = re.compile(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?')
@@ -28,31 +29,48 @@ class Event:
 
 
 def events_of(path: Path) -> list[Event]:
-    """In order of time. A status that differs from the one before in its figures only is no event. Raises BagError."""
+    """In order of time. A status that differs from the one before in its figures only is no event. Raises BagError.
+
+    Where time goes back in the bag, that is an event, and the next drive's times follow those of the one before.
+    """
     factory = RosbagsFactory()
     found: list[Event] = []
     last: dict[str, tuple[int, str]] = {}
     with open_bag(path) as reader:
-        begins_ns, begun_ns = begin_ns(reader), -1
-        wanted = [c for c in reader.connections if c.topic in (topics.DIAGNOSTICS, topics.TRANSITION)]
-        for connection, stamp_ns, data in messages_in(reader, connections=wanted) if wanted else ():
-            message = decoded(factory, reader, connection, data)
-            time_s = (stamp_ns - begins_ns) * 1e-9
-            try:
-                if connection.topic == topics.TRANSITION:
-                    step, episode = transition_from_message(message)
-                    # A first tick that the bridge resent is not a second beginning.
-                    if step.is_first and stamp_ns != begun_ns:
-                        begun_ns = stamp_ns
-                        found.append(Event(time_s, 'bridge', 'ok', f'{episode} begins'))
-                    continue
-                statuses = diagnostics_from_message(message)
-            except ContractError as error:
-                raise BagError(f'{path}: {connection.topic}: {error}') from error
-            for name, level, text, _ in statuses:
-                said = level, FIGURES.sub('', text)
-                if last.get(name) != said:
-                    last[name] = said
-                    shown = LEVELS[min(level, len(LEVELS) - 1)]
-                    found.append(Event(time_s, name.removeprefix('raw2drive: '), shown, text))
+        passed_s = 0.0
+        for number, line in enumerate(time_lines(reader)):
+            begins_ns, begun_ns = begin_ns(line), -1
+            if number:
+                found.append(Event(passed_s, 'recorder', 'warning', 'time went back: another drive begins'))
+            wanted = [c for c in line.connections if c.topic in (topics.DIAGNOSTICS, topics.TRANSITION)]
+            for connection, stamp_ns, data in messages_in(line, connections=wanted) if wanted else ():
+                message = decoded(factory, reader, connection, data)
+                time_s = passed_s + (stamp_ns - begins_ns) * 1e-9
+                try:
+                    if connection.topic == topics.TRANSITION:
+                        step, episode = transition_from_message(message)
+                        # A first tick that the bridge resent is not a second beginning.
+                        if step.is_first and stamp_ns != begun_ns:
+                            begun_ns = stamp_ns
+                            found.append(Event(time_s, 'bridge', 'ok', f'{episode} begins'))
+                        continue
+                    statuses = diagnostics_from_message(message)
+                except ContractError as error:
+                    raise BagError(f'{path}: {connection.topic}: {error}') from error
+                found += _changes(statuses, time_s, last)
+            passed_s += (line.end_time - begins_ns) * 1e-9
+    return found
+
+
+def _changes(
+    statuses: list[tuple[str, int, str, dict[str, str]]], time_s: float, last: dict[str, tuple[int, str]]
+) -> list[Event]:
+    """What the statuses of one message say anew; `last`: by node, what it said before."""
+    found = []
+    for name, level, text, _ in statuses:
+        said = level, FIGURES.sub('', text)
+        if last.get(name) != said:
+            last[name] = said
+            shown = LEVELS[min(level, len(LEVELS) - 1)]
+            found.append(Event(time_s, name.removeprefix('raw2drive: '), shown, text))
     return found

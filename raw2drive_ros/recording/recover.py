@@ -17,6 +17,7 @@ from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.recording.bag_edit import whole_bag
 from raw2drive_ros.recording.bag_reader import messages_in, open_bag, partial_folder
 from raw2drive_ros.recording.bag_writer import PROVENANCE, BagWriter
+from raw2drive_ros.recording.stamped_mcap import holds_stamps
 
 
 @dataclass(slots=True)
@@ -94,6 +95,7 @@ def _count(bag: Path) -> dict[str, int]:
 def _copy(file: Path, bag: BagWriter, found: Recovery) -> None:
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
+    stamped = holds_stamps(file)
     for record in _records(file, found):
         if isinstance(record, Schema):
             schemas[record.id] = record
@@ -105,7 +107,9 @@ def _copy(file: Path, bag: BagWriter, found: Recovery) -> None:
                 continue
             try:
                 schema = schemas[channel.schema_id]
-                bag.write_raw(channel.topic, record.log_time, record.data, (schema.name, schema.data.decode()))
+                foreign = schema.name, schema.data.decode()
+                stamp_ns, received_ns = (record.publish_time, record.log_time) if stamped else (record.log_time, None)
+                bag.write_raw(channel.topic, stamp_ns, record.data, foreign, received_ns)
             except (KeyError, ValueError, SyntaxError, TypesysError) as error:
                 found.skipped[channel.topic] = f'{type(error).__name__}: {error}'
 

@@ -77,9 +77,11 @@ def test_a_ring_buffer_forgets_by_arrival_whatever_the_stamps_say() -> None:
         ring.add(topics.IMU, tick, b'x' * 100, 10_000_000_000 + tick * 100_000_000)
     assert [held.stamp_ns for held in ring.held] == list(range(79, 100))
     assert ring.size == 2100
-    # The simulation starts again.
+    # The simulation starts again: what came before grows old from there on.
     ring.add(topics.IMU, 5, b'y', 5)
-    assert [held.stamp_ns for held in ring.held] == [5]
+    assert [held.stamp_ns for held in ring.held] == [*range(79, 100), 5]
+    ring.add(topics.IMU, 6, b'y', 1_500_000_005)
+    assert [held.stamp_ns for held in ring.held] == [*range(94, 100), 5, 6]
 
 
 def test_latched_messages_and_stamps_of_another_clock_do_not_lengthen_a_bag(tmp_path) -> None:
