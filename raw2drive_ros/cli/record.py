@@ -25,6 +25,9 @@ A kill loses at most what came in the last --flush-s seconds: raw2drive bag reco
 
 See also: raw2drive collect, which drives and records without a graph."""
 
+# To write down what has arrived and close the bag takes a moment, on a busy machine several seconds.
+CLOSE_WITHIN_S = 30.0
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_graph_arguments(parser)
@@ -50,7 +53,13 @@ def run(options: argparse.Namespace) -> int:
         **{name: getattr(options, name) for name in ('split_s', 'split_mb', 'snapshot_s', 'flush_s')},
     }
     try:
-        return run_single({'recorder': parameters}, options.domain, namespace=options.namespace, sim_time=False)
+        return run_single(
+            {'recorder': parameters},
+            options.domain,
+            namespace=options.namespace,
+            sim_time=False,
+            end_within_s=CLOSE_WITHIN_S,
+        )
     finally:
         if options.out.exists():
             _tell(options.out)
