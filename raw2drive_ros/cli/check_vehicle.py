@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from raw2drive_ros.cli.domain_option import add_domain_argument
-from raw2drive_ros.cli.graph_options import add_network_argument
+from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 # Before it ends, the probe brakes until the car stands.
 BRAKE_WITHIN_S = 8.0
@@ -32,7 +32,7 @@ COLOURS = {'error': 'red', 'warning': 'yellow', 'passed': 'green', 'skipped': 'd
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_network_argument(parser)
+    add_graph_arguments(parser)
     parser.add_argument('--bundle', type=Path, help='policy bundle whose cameras are wanted (default: the shipped one)')
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
     parser.add_argument('--seconds', type=float, default=5.0, help='how long to listen')
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
             'report': str(report),
             'mosaic': str(options.mosaic.resolve()),
         }
-        with running_graph(Path(folder), options.domain) as graph:
+        with running_graph(Path(folder), options.domain, options.namespace) as graph:
             graph.start('vehicle_probe', parameters, sim_time=False, end_within_s=BRAKE_WITHIN_S)
             graph.processes['vehicle_probe'].wait()
             if not report.is_file():

@@ -35,7 +35,16 @@ from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.single_writer import Sender
 from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
-from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription, message_class
+from raw2drive_ros.nodes.quality import (
+    LossCounter,
+    expanded_name,
+    make_publisher,
+    make_subscription,
+    message_class,
+    publisher_count,
+    resolved_name,
+    subscriber_count,
+)
 from raw2drive_ros.nodes.runtime import StopRequest, run_node
 from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
@@ -96,7 +105,7 @@ class VehicleProbeNode(Node):
         # Discovery needs time: only then can a publisher be reported as missing.
         self._spin(executor, LOOK_S)
         deadline = time.monotonic() + LOOK_LONGER_S
-        while time.monotonic() < deadline and not all(map(self.count_publishers, self.names)) and self._running:
+        while time.monotonic() < deadline and self._running and not all(publisher_count(self, n) for n in self.names):
             self._spin(executor, 0.2)
         self._look_at_graph()
         for name in self.names:
@@ -125,16 +134,16 @@ class VehicleProbeNode(Node):
     def _look_at_graph(self) -> None:
         types = dict(self.get_topic_names_and_types())
         for name in self.names:
-            infos = self.get_publishers_info_by_topic(name)
+            infos = self.get_publishers_info_by_topic(expanded_name(self, name))
             self.seen.topics[name] = TopicSeen(
-                tuple(types.get(name, ())),
+                tuple(types.get(resolved_name(self, name), ())),
                 len(infos),
                 all(i.qos_profile.reliability == ReliabilityPolicy.RELIABLE for i in infos),
                 all(i.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for i in infos),
             )
-        self.seen.command_subscribers = self.count_subscribers(topics.COMMAND)
-        self.seen.command_publishers = self.count_publishers(topics.COMMAND)
-        self.seen.sim_time = self.count_publishers(topics.CLOCK) > 0
+        self.seen.command_subscribers = subscriber_count(self, topics.COMMAND)
+        self.seen.command_publishers = publisher_count(self, topics.COMMAND)
+        self.seen.sim_time = publisher_count(self, topics.CLOCK) > 0
         if self.seen.sim_time:
             spec = topics.BY_NAME[topics.CLOCK]
             # Any publisher of a clock offers at least this.
@@ -155,7 +164,7 @@ class VehicleProbeNode(Node):
             reliability=ReliabilityPolicy.RELIABLE if topic.reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.transient_local else DurabilityPolicy.VOLATILE,
         )
-        self.create_subscription(message_class(spec.msgtype), name, self._noter(name), profile)
+        self.create_subscription(message_class(spec.msgtype), expanded_name(self, name), self._noter(name), profile)
 
     def _noter(self, name: str) -> Any:
         def note(message: Any) -> None:
@@ -244,7 +253,7 @@ class VehicleProbeNode(Node):
         blind_s = time.monotonic() - self.odometry_at_s
         if blind_s > self.odometry_good_s / min(self.clock.pace, 1.0):
             raise UnsafeError(f'no odometry for {blind_s:.1f} s')
-        if self.count_publishers(topics.COMMAND) > 1 + (self.stranger is not None):
+        if publisher_count(self, topics.COMMAND) > 1 + (self.stranger is not None):
             raise UnsafeError(f'somebody else publishes {topics.COMMAND}')
 
     def _require_running_clock(self, index: int, step: Step) -> None:
