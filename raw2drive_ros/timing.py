@@ -18,7 +18,7 @@ class Timing(Strict):
     proposal_age_s: float = Field(gt=0)
     odometry_after_s: float = Field(gt=0)
     clock_back_s: float = Field(ge=0)
-    frozen_after_s: float = Field(gt=0)
+    activation_expires_s: float = Field(gt=0)
     frozen_odometry: int = Field(gt=0)
     input_age_s: float = Field(gt=0)
     degraded_gap_s: float = Field(gt=0)

@@ -12,6 +12,7 @@ import torch
 
 from raw2drive_ros.evaluation.collect import CollectConfig, collect
 from raw2drive_ros.evaluation.world_drivers import rule_driver
+from raw2drive_ros.runtime_folder import runtime_folder
 from raw2drive_ros.training.export import export_bundle
 from raw2drive_ros.training.run import train
 
@@ -27,6 +28,14 @@ def pytest_collection_modifyitems(items) -> None:
     for item in items:
         if item.path.relative_to(ROOT).as_posix().startswith(GRAPH_TESTS):
             item.add_marker('graph')
+
+
+@pytest.fixture(autouse=True)
+def _no_latch_of_another_test(request) -> None:
+    """A gate that a test leaves stopped must not hold the next test's car: they share ROS domains."""
+    if request.node.get_closest_marker('graph'):
+        for latch in runtime_folder().glob('latch_*'):
+            latch.unlink(missing_ok=True)
 
 
 NANO = {'threads': 1, 'log_every': 5, 'picture_every': 100, 'checkpoint_every': 5}

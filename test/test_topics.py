@@ -15,6 +15,7 @@ def test_who_publishes_what() -> None:
     assert published_by(Publisher.CLOCK_SOURCE) == (topics.CLOCK,)
     assert published_by(Publisher.PLANNER) == (topics.PROPOSED,)
     assert published_by(Publisher.GATE) == (topics.COMMAND,)
+    assert published_by(Publisher.COMMAND_RECEIVER) == (topics.STATUS, topics.AUTONOMY)
     assert published_by(Publisher.COLLECTOR) == (topics.ADVICE,)
     assert published_by(Publisher.ANY_NODE) == (topics.DIAGNOSTICS,)
     assert published_by(Publisher.SIMULATION) == (topics.BEV, topics.EGO, topics.TRANSITION)
@@ -32,10 +33,10 @@ def test_a_vehicle_publishes_nothing_privileged_and_what_is_privileged_has_no_ot
 def test_the_offered_qos_is_what_bags_have_always_held() -> None:
     found = Counter((s.qos.reliable, s.qos.latched, s.qos.depth) for s in topics.TOPICS)
     assert found == {
-        # 6 cameras with 3 topics, 4 privileged ones; mounting poses of cameras and IMU, route; commands; motion; clock
-        # and diagnostics.
-        (True, False, 5): 18 + 4,
-        (True, True, 1): 6 + 1 + 1,
+        # 6 cameras with 3 topics, 4 privileged ones, status; mounting poses of cameras and IMU, route, autonomy;
+        # commands; motion; clock and diagnostics.
+        (True, False, 5): 18 + 4 + 1,
+        (True, True, 1): 6 + 1 + 1 + 1,
         (True, False, 1): 2,
         (True, False, 20): 2,
         (True, False, 10): 2,

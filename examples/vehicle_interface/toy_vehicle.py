@@ -20,7 +20,6 @@ import numpy as np
 import yaml
 from rclpy.node import Node
 
-from msg_adapters.commands import decision_from_message
 from msg_adapters.factory import RclpyFactory
 from msg_adapters.sensors import (
     BASE_FRAME,
@@ -35,10 +34,10 @@ from msg_adapters.sensors import (
     transform_to_message,
 )
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import ContractError
-from raw2drive_ros.contracts.public import CameraCalibration, Control, ImuSample, OdometrySample, Route
+from raw2drive_ros.contracts.public import CameraCalibration, Control, Decision, ImuSample, OdometrySample, Route
 from raw2drive_ros.driving.command_policy import CommandPolicy
-from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
+from raw2drive_ros.nodes.command_port import CommandPort
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
 from raw2drive_ros.tables.rates import PHYSICS_HZ, ROUTE_HZ, SUBSTEPS
 from raw2drive_ros.timing import load_timing
@@ -137,7 +136,7 @@ class ToyVehicle(Node):
             name = camera.name
             names += [topics.image_topic(name), topics.camera_info_topic(name), topics.extrinsics_topic(name)]
         self.outputs = {name: make_publisher(self, name) for name in names}
-        make_subscription(self, topics.COMMAND, self.on_command, LossCounter())
+        self.port = CommandPort(self, self.commands, LossCounter(), self.on_command)
         self.ticks = 0
         self.started_ns = self.get_clock().now().nanoseconds
         self.publish_extrinsics()
@@ -152,22 +151,23 @@ class ToyVehicle(Node):
         for topic, (pose, frame) in (mounts | {topics.IMU_EXTRINSICS: (imu, IMU_FRAME)}).items():
             self.outputs[topic].publish(transform_to_message(self.factory, pose, BASE_FRAME, frame, stamp_ns))
 
-    def on_command(self, message: object) -> None:
-        try:
-            control = decision_from_message(message).control.validate()
-        except ContractError as error:
-            # Not used: `commands` goes on as if no command had come.
-            self.get_logger().error(f'command refused: {error}', throttle_duration_sec=1.0)
-            return
-        self.commands.accept(control, time.monotonic_ns())
+    def on_command(self, decision: Decision) -> None:
+        """A command of the one gate; whatever else arrives, the port has refused, and `receiver.stopped` says why."""
+        self.commands.accept(decision.control, time.monotonic_ns())
 
     def tick(self) -> None:
         now_ns = time.monotonic_ns()
-        fresh = self.commands.last is not None and not self.commands.expired(now_ns)
-        self.plant.step(self.commands.last if fresh else self.commands.missing(now_ns), 1.0 / PHYSICS_HZ)
+        if self.port.receiver.stopped:
+            control = self.port.receiver.brake()
+        elif self.commands.last is not None and not self.commands.expired(now_ns):
+            control = self.commands.last
+        else:
+            control = self.commands.missing(now_ns)
+        self.plant.step(control, 1.0 / PHYSICS_HZ)
         stamp_ns = self.get_clock().now().nanoseconds
         self.publish_motion(stamp_ns)
         if self.ticks % SUBSTEPS == 0:
+            self.port.report(stamp_ns, self.plant.speed)
             self.publish_cameras(stamp_ns)
         if self.ticks % (PHYSICS_HZ // ROUTE_HZ) == 0:
             route = Route(self.started_ns, np.array(self.settings['route_m']))

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 
 from msg_adapters.vehicle_commands import ADAPTERS
+from raw2drive_ros.cli.domain_option import add_domain_argument
+from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 EXAMPLES = 'what vehicles take:\n' + '\n'.join(
     f'  {name:10} {adapter.msgtype:42} {adapter.topic}' for name, adapter in ADAPTERS.items()
@@ -21,18 +23,22 @@ command for 0.3 s, a standstill. my_car.yaml is the file that the safety gate ta
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     parser.add_argument('output', choices=tuple(ADAPTERS), help='what the vehicle takes')
     parser.add_argument('--topic', default='', help='where it listens (default: see below)')
     parser.add_argument('--config', type=Path, help="the car's figures (default: params/gate.yaml)")
     parser.add_argument('--horizon', type=float, default=0.5, help='seconds; of its speed controller')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
     parser.add_argument('--sim-time', action='store_true', help='the vehicle publishes /clock')
 
 
 def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.driving.gate_config import load_gate_config
     from raw2drive_ros.graph.foreground import run_single
 
+    if not options.horizon > 0:
+        raise UsageError('--horizon must be positive')
     load_gate_config(options.config)
     parameters = {
         'output': options.output,
@@ -40,4 +46,6 @@ def run(options: argparse.Namespace) -> int:
         'config': str(options.config.resolve()) if options.config else '',
         'horizon_s': options.horizon,
     }
-    return run_single({'command_adapter': parameters}, options.domain, sim_time=options.sim_time)
+    return run_single(
+        {'command_adapter': parameters}, options.domain, namespace=options.namespace, sim_time=options.sim_time
+    )

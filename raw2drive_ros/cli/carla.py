@@ -5,6 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
+from raw2drive_ros.cli.graph_options import add_graph_arguments
+from raw2drive_ros.cli.parser import at_least
+
 EXAMPLES = """examples:
   raw2drive carla                                          the server at localhost:2000, its map, its first spawn point
   raw2drive carla --host 10.0.0.7 --town Town05 --spawn-point 12 --seed 3
@@ -16,6 +20,7 @@ and waits for each command (lock-step); --real-time follows the wall clock."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     from raw2drive_ros.carla_vehicle.client import CarlaSettings
 
     usual = CarlaSettings()
@@ -34,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics')
     parser.add_argument('--real-time', action='store_true', help='follow the wall clock')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -43,6 +48,7 @@ def run(options: argparse.Namespace) -> int:
 
     if not (options.route_m > 0 and options.timeout > 0):
         raise UsageError('--route-m and --timeout must be positive')
+    at_least(options, 0, 'seed', 'spawn_point')
     parameters = {
         'host': options.host,
         'port': options.port,
@@ -58,4 +64,6 @@ def run(options: argparse.Namespace) -> int:
     }
     # The bridge removes its actors one by one, and the server may take --timeout to finish its current tick.
     grace_s = options.timeout + 10.0
-    return run_single({'carla_bridge': parameters}, options.domain, sim_time=False, end_within_s=grace_s)
+    return run_single(
+        {'carla_bridge': parameters}, options.domain, namespace=options.namespace, sim_time=False, end_within_s=grace_s
+    )

@@ -8,14 +8,23 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
+from raw2drive_ros.cli.graph_options import add_network_argument
+
 # Before it ends, the probe brakes until the car stands.
 BRAKE_WITHIN_S = 8.0
 
+MOSAIC = Path('runs/check-vehicle.png')
+
 EXAMPLES = """examples:
   raw2drive check-vehicle --domain 12                 listens only
-  raw2drive check-vehicle --domain 12 --allow-motion  also brakes, drives, steers, falls silent, sends NaN:
-                                                      only where nobody can be hurt, with the safety gate stopped
+  raw2drive check-vehicle --domain 12 --allow-motion  also brakes, drives, steers, falls silent, sends NaN, and lets a
+                                                      second publisher command: only where nobody can be hurt, 40 m
+                                                      free ahead, with the safety gate stopped
   raw2drive sim --real-time & raw2drive check-vehicle --sim-time --allow-motion      our own bridge
+
+Time is the vehicle's: /clock where it is published, stamps of odometry otherwise. Pictures are compared with the motion
+of the car, so --allow-motion (or a car that somebody drives) finds most. Look at the mosaic too.
 
 Exit code 0: no error. 1: at least one. docs/vehicle_interface.md is the contract."""
 
@@ -23,12 +32,14 @@ COLOURS = {'error': 'red', 'warning': 'yellow', 'passed': 'green', 'skipped': 'd
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_network_argument(parser)
     parser.add_argument('--bundle', type=Path, help='policy bundle whose cameras are wanted (default: the shipped one)')
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
     parser.add_argument('--seconds', type=float, default=5.0, help='how long to listen')
     parser.add_argument('--allow-motion', action='store_true', help='also drive the car')
-    parser.add_argument('--sim-time', action='store_true', help='the vehicle publishes /clock')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    parser.add_argument('--sim-time', action='store_true', help='a vehicle without /clock is an error')
+    parser.add_argument('--mosaic', type=Path, default=MOSAIC, help=f'PNG of all cameras, labelled (default: {MOSAIC})')
+    add_domain_argument(parser)
     parser.add_argument('--json', action='store_true', help='print the verdicts as JSON')
 
 
@@ -49,10 +60,12 @@ def run(options: argparse.Namespace) -> int:
             'image_transport': options.image_transport,
             'seconds': options.seconds,
             'allow_motion': options.allow_motion,
+            'wants_sim_time': options.sim_time,
             'report': str(report),
+            'mosaic': str(options.mosaic.resolve()),
         }
         with running_graph(Path(folder), options.domain) as graph:
-            graph.start('vehicle_probe', parameters, sim_time=options.sim_time, end_within_s=BRAKE_WITHIN_S)
+            graph.start('vehicle_probe', parameters, sim_time=False, end_within_s=BRAKE_WITHIN_S)
             graph.processes['vehicle_probe'].wait()
             if not report.is_file():
                 raise GraphError(f'vehicle_probe: {graph.last_words("vehicle_probe")}')

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.parser import refuse
+
 EXAMPLES = """examples:
   raw2drive doctor
   raw2drive doctor --quick          without the latency measurement
@@ -23,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.graph.doctor import examine
 
+    if options.quick:
+        refuse(options, ['bundle'], 'its latency is what --quick does not measure')
     body = examine(options.bundle, quick=options.quick)
     if options.json:
         print(json.dumps(body))
@@ -36,7 +40,8 @@ def _print(body: dict[str, Any]) -> None:
     for name, version in body['versions'].items():
         print(f'  {name} {version}')
     transport = body['transport']
-    state = 'shipped profile' if transport['shipped_profile_in_force'] else f'OTHER profile {transport["in_force"]}'
+    shipped = 'shipped profile, ' + ('OPEN to the network' if transport['network'] else 'this machine only')
+    state = shipped if transport['shipped_profile_in_force'] else f'OTHER profile {transport["in_force"]}'
     print(f'transport: {state}, discovery {transport["discovery_range"]}, domain {transport["domain"]}')
     print(f'free: {body["disk_free_mb"]} MB on disk, {body["shared_memory_free_mb"]} MB shared memory')
     timing = body['timing']

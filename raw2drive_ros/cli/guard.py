@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Callable
 from types import FrameType
 
 from raw2drive_ros.contracts.errors import UserError
+from raw2drive_ros.safe_path import safe_path_variables
 
 
 class Terminated(BaseException):
@@ -24,6 +26,8 @@ def _on_sigterm(number: int, frame: FrameType | None) -> None:
 
 def guarded(run: Callable[[argparse.Namespace], int], options: argparse.Namespace) -> int:
     """Run a verb; returns its exit code."""
+    # For worker processes, which Python starts itself.
+    os.environ.update(safe_path_variables())
     signal.signal(signal.SIGTERM, _on_sigterm)
     # Shell scripts start background jobs with SIGINT ignored, but a gate must hear it, because it has a car to stop.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -7,6 +7,9 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
+from raw2drive_ros.cli.graph_options import add_graph_arguments
+
 EXAMPLES = """examples:
   raw2drive replay runs/demo/bag                 for a planner that runs elsewhere (raw2drive drive --sim-time)
   raw2drive replay runs/demo/bag --rate 0.5
@@ -20,6 +23,7 @@ the numbers that they carry; decisions of which the bag does not hold what led t
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_graph_arguments(parser)
     parser.add_argument('bag', type=Path)
     parser.add_argument('--rate', type=float, default=1.0, help='speed relative to recorded time')
     parser.add_argument('--start', type=float, default=0.0, help="seconds after the bag's beginning")
@@ -30,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--verify', action='store_true', help="compare the bundle's decisions with the bag's, bit for bit"
     )
     parser.add_argument('--bundle', type=Path, help='policy bundle for --verify (default: the shipped one)')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -65,4 +69,4 @@ def run(options: argparse.Namespace) -> int:
         'loop': options.loop,
         'paused': options.paused,
     }
-    return run_single({'player': parameters}, options.domain, sim_time=False)
+    return run_single({'player': parameters}, options.domain, namespace=options.namespace, sim_time=False)

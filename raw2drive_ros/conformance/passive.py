@@ -12,11 +12,15 @@ from msg_adapters.sensors import BASE_FRAME, IMU_FRAME, MAP_FRAME, optical_frame
 from raw2drive_ros.conformance.observation import Observation, TopicSeen, Verdict
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.public import CameraCalibration
+from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
 
 GRAVITY_MPS2 = 9.81
 STANDING_MPS = 0.3
 BLIND_LEVELS = 8
+# A rate may differ from the wanted one by this share.
+RATE_SHARE = 0.1
+CLOCK = 'clock: stamps'
 
 
 def expected(cameras: tuple[str, ...], *, compressed: bool) -> list[str]:
@@ -33,6 +37,7 @@ def judge(seen: Observation, rig: tuple[CameraCalibration, ...], *, compressed: 
     cameras = tuple(camera.name for camera in rig)
     names = expected(cameras, compressed=compressed)
     return [
+        *_clock(seen),
         *_topics(seen, names),
         *_times(seen, names, cameras, compressed=compressed),
         *_frames(seen, cameras, compressed=compressed),
@@ -41,6 +46,18 @@ def judge(seen: Observation, rig: tuple[CameraCalibration, ...], *, compressed: 
         *_route(seen),
         *_command(seen),
     ]
+
+
+def _clock(seen: Observation) -> Iterator[Verdict]:
+    if seen.sim_time:
+        text = (
+            f'{topics.CLOCK} is published: planner and gate need --sim-time'
+            if not seen.wants_sim_time
+            else topics.CLOCK
+        )
+        yield Verdict('clock: source', 'passed', text)
+    elif seen.wants_sim_time:
+        yield Verdict('clock: source', 'error', f'nobody publishes {topics.CLOCK}', 'publish it, or omit --sim-time')
 
 
 def _topics(seen: Observation, names: list[str]) -> Iterator[Verdict]:
@@ -79,20 +96,13 @@ def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], *, com
             text = f'{len(stamps)} messages in {seen.seconds:.0f} s'
             yield Verdict(f'{name}: rate', 'error', text, 'keep publishing')
             continue
-        rate = (len(stamps) - 1) / max((stamps[-1] - stamps[0]) * 1e-9, 1e-9)
-        close = 0.9 <= rate / spec.rate_hz <= 1.1
-        fix = f'{spec.rate_hz:g} Hz by the stamps'
-        yield Verdict(f'{name}: rate', 'passed' if close else 'error', f'{rate:.1f} Hz', '' if close else fix)
+        yield _rate(name, spec.rate_hz, _rate_hz(stamps))
         back = sum(b <= a for a, b in itertools.pairwise(stamps))
         text = (
             f'{back} of {len(stamps)} are not later than the one before' if back else 'each later than the one before'
         )
         yield Verdict(f'{name}: stamps', 'error' if back else 'passed', text, 'stamp when measured' if back else '')
-        age = float(np.median(topic.ages_s))
-        limit = load_timing().input_age_s
-        old = abs(age) > limit
-        fix = 'is use_sim_time the same everywhere, are the clocks set?' if old else ''
-        yield Verdict(f'{name}: age', 'error' if old else 'passed', f'{age * 1e3:.0f} ms at arrival', fix)
+    yield from _ages(seen, names)
     images = topics.compressed_topic if compressed else topics.image_topic
     sets = [set(seen.topics.get(images(camera), TopicSeen()).stamps_ns) for camera in cameras]
     if all(sets):
@@ -102,6 +112,81 @@ def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], *, com
         fix = '' if fine else 'trigger the cameras together and give them one stamp'
         text = f'{100 * share:.0f} % of the pictures have a partner in every camera'
         yield Verdict('cameras: one stamp for all', 'passed' if fine else 'error', text, fix)
+        yield from _samples(seen, sorted(shared or sets[0]))
+
+
+def _rate_hz(stamps: list[int]) -> float:
+    return (len(stamps) - 1) / max((stamps[-1] - stamps[0]) * 1e-9, 1e-9)
+
+
+def _multiple(rate: float, wanted: float) -> int:
+    """How many times `wanted` a rate is, at least 1; 0 where it is no multiple."""
+    times = max(1, round(rate / wanted))
+    return times if abs(rate / (times * wanted) - 1.0) <= RATE_SHARE / times else 0
+
+
+def _rate(name: str, wanted: float, rate: float) -> Verdict:
+    check, text, times = f'{name}: rate', f'{rate:.1f} Hz', _multiple(rate, wanted)
+    if times == 1:
+        return Verdict(check, 'passed', text)
+    motion = name in (topics.IMU, topics.ODOMETRY)
+    if motion and rate > wanted:
+        fix = f'more than needed: {wanted:g} Hz are enough, with a sample at every picture'
+        return Verdict(check, 'warning', text, fix)
+    if times:
+        fix = f'give the planner the parameter decimation:={times}, or publish at {wanted:g} Hz'
+        return Verdict(check, 'warning', f'{text}, {times} times {wanted:g} Hz', fix)
+    fix = f'{wanted:g} Hz by the stamps' + ('' if motion else ', or a whole multiple of it for cameras')
+    return Verdict(check, 'error', text, fix)
+
+
+def _ages(seen: Observation, names: list[str]) -> Iterator[Verdict]:
+    """Age of the messages at arrival; one verdict for all where the clock itself must be the cause."""
+    limit_s = load_timing().input_age_s
+    ages = {
+        name: float(np.median(seen.topics[name].ages_s))
+        for name in names
+        if topics.BY_NAME[name].rate_hz and not topics.BY_NAME[name].qos.latched
+        if name in seen.topics and len(seen.topics[name].stamps_ns) >= 3
+    }
+    late = [name for name, age in ages.items() if age > limit_s]
+    early = [name for name, age in ages.items() if age < -limit_s]
+    for wrong, what, fix in (
+        (
+            late,
+            'too old',
+            'stamp when measured, by ROS time: clocks set, use_sim_time the same everywhere?',
+        ),
+        (early, 'in the future', 'clocks set, use_sim_time the same everywhere? A stamp is the time of measurement'),
+    ):
+        together = len(wrong) > max(2, len(ages) // 2)
+        if together:
+            age_ms = 1e3 * float(np.median([ages[name] for name in wrong]))
+            yield Verdict(
+                CLOCK, 'error', f'{age_ms:.0f} ms at arrival, {len(wrong)} of {len(ages)} topics: {what}', fix
+            )
+        for name in wrong:
+            if not together:
+                yield Verdict(f'{name}: age', 'error', f'{ages[name] * 1e3:.0f} ms at arrival: {what}', fix)
+    for name, age in ages.items():
+        if abs(age) <= limit_s:
+            yield Verdict(f'{name}: age', 'passed', f'{age * 1e3:.0f} ms at arrival')
+
+
+def _samples(seen: Observation, pictures: list[int]) -> Iterator[Verdict]:
+    """Is there a sample of odometry and IMU at every picture (of those that the planner takes)?"""
+    if len(pictures) < 3 or not (times := _multiple(_rate_hz(pictures), DECISION_HZ)):
+        return
+    for name in (topics.IMU, topics.ODOMETRY):
+        stamps = seen.topics.get(name, TopicSeen()).stamps_ns
+        inside = [stamp for stamp in pictures if stamps and min(stamps) <= stamp <= max(stamps)]
+        if not inside:
+            continue
+        share = len(set(inside) & set(stamps)) / len(inside)
+        fine = share >= 0.9 / times
+        text = f'{100 * share:.0f} % of the pictures have a sample of the same stamp'
+        fix = '' if fine else 'sample at the stamps of the pictures, or let the planner interpolate (its parameters)'
+        yield Verdict(f'{name}: at the pictures', 'passed' if fine else 'warning', text, fix)
 
 
 def _frames(seen: Observation, cameras: tuple[str, ...], *, compressed: bool) -> Iterator[Verdict]:
@@ -121,7 +206,11 @@ def _cameras(seen: Observation, rig: tuple[CameraCalibration, ...]) -> Iterator[
     for wanted in rig:
         found, image = seen.calibrations.get(wanted.name), seen.images.get(wanted.name)
         check = f'camera {wanted.name}: calibration'
-        if found is None:
+        if distortion := seen.distortion.get(wanted.name):
+            text = f'lens distortion, D = {", ".join(f"{value:.3g}" for value in distortion)}'
+            fix = 'publish rectified pictures with the K of the rectified picture, or let the planner rectify them'
+            yield Verdict(check, 'error', text, fix)
+        elif found is None:
             yield Verdict(check, 'error', 'not known', 'publish camera_info and extrinsics')
         elif (found.height, found.width) != (wanted.height, wanted.width):
             text = f'{found.height}x{found.width}, the bundle needs {wanted.height}x{wanted.width}'
@@ -158,21 +247,28 @@ def _motion(seen: Observation) -> Iterator[Verdict]:
     force = np.mean([sample.specific_force_mps2 for sample in seen.imu], axis=0)
     total = float(np.linalg.norm(force))
     text = f'mean specific force {force[0]:.2f}, {force[1]:.2f}, {force[2]:.2f} m/s2'
+    right = not standing or abs(total - GRAVITY_MPS2) < 0.5
     if 0.8 < total < 1.2:
         yield Verdict('imu: units', 'error', text, 'm/s2, not g')
-    elif standing and abs(total - GRAVITY_MPS2) > 0.5:
+    elif total < 0.5:
+        fix = 'gravity is missing: at rest an accelerometer reads +9.81 m/s2 on z (REP-145)'
+        yield Verdict('imu: units', 'error', text, fix)
+    elif not right:
         yield Verdict('imu: units', 'error', text, 'at rest an accelerometer reads 9.81 m/s2 (REP-145)')
     else:
         yield Verdict('imu: units', 'passed', text)
-    if standing:
+    if total < 0.5:
+        yield Verdict('imu: axes', 'skipped', 'without gravity they cannot be told', 'mend "imu: units" first')
+    elif standing:
         up = force[2] > 0.9 * total
         fix = '' if up else '+9.81 on z at rest, axes parallel to base_link (REP-103: x forward, y left, z up)'
         yield Verdict('imu: axes', 'passed' if up else 'error', text, fix)
+    else:
+        yield Verdict('imu: axes', 'skipped', 'the car moves', 'check again while it stands')
+    if standing:
         rate = float(np.abs([sample.angular_velocity_radps for sample in seen.imu]).max())
         fix = '' if rate < 0.2 else 'rad/s, not degrees; remove the offset'
         yield Verdict('imu: at rest', 'passed' if rate < 0.2 else 'warning', f'turns at {rate:.3f} rad/s at most', fix)
-    else:
-        yield Verdict('imu: axes', 'skipped', 'the car moves', 'check again while it stands')
 
 
 def _route(seen: Observation) -> Iterator[Verdict]:

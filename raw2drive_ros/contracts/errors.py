@@ -32,6 +32,14 @@ class ConfigError(UserError, ValueError):
     exit_code = 2
 
 
+class KeyFileError(UserError, RuntimeError):
+    """The file of the key for signatures cannot be used; the message says why and what to do."""
+
+
+class RuntimeFolderError(UserError, OSError):
+    """The user's runtime folder cannot be trusted or made; the message says which and why."""
+
+
 class PrivilegedImportError(ImportError):
     """Something in the planner's process tried to reach privileged code or data."""
 
@@ -40,7 +48,7 @@ class PrivilegedImportError(ImportError):
 
 
 class UnknownScenarioError(UserError, KeyError):
-    """No scenario of that name; the message lists the known ones."""
+    """No scenario of that name; the message says which are near, or lists the known ones."""
 
     exit_code = 2
 

@@ -160,6 +160,7 @@ class Decision:
     """A driver's output for one frame.
 
     stamp_ns: stamp of that frame. action: index in the action table, or -1 where the driver chose no entry of it.
+    sequence: number of the message within the process that sent it, 1, 2, 3 ...; 0: not sent yet, or not numbered.
     info: extras of the driver, such as the action's probability.
     """
 
@@ -167,4 +168,31 @@ class Decision:
     control: Control
     action: int = -1
     inference_ms: float = 0.0
+    sequence: int = 0
     info: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleStatus:
+    """What the vehicle's end of `/control/command` reports to the safety gate.
+
+    speed_mps: signed speed along x of `base_link`; None where this end does not measure it. stopped: it brakes by
+    itself and obeys no command until one arrives whose `activation` is newer. activation: the newest that it has heard,
+    0 before the first. placed: rises whenever a simulation puts the car somewhere else, 0 for a vehicle. ticks:
+    decision periods since then. sequence: see `Decision`.
+    """
+
+    stamp_ns: int
+    speed_mps: float | None
+    stopped: bool = False
+    activation: int = 0
+    placed: int = 0
+    ticks: int = 0
+    sequence: int = 0
+
+    def validate(self) -> VehicleStatus:
+        if self.speed_mps is not None:
+            _finite('VehicleStatus.speed_mps', self.speed_mps)
+        counts = (self.activation, self.placed, self.ticks, self.sequence)
+        _require(f'VehicleStatus: negative count: {counts}', holds=min(counts) >= 0)
+        return self

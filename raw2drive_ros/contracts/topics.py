@@ -15,6 +15,8 @@ ODOMETRY = '/vehicle/odometry'
 ROUTE = '/planning/route'
 PROPOSED = '/control/proposed'
 COMMAND = '/control/command'
+STATUS = '/vehicle/status'
+AUTONOMY = '/vehicle/autonomy'
 BEV = '/privileged/bev'
 EGO = '/privileged/ego'
 TRANSITION = '/privileged/transition'
@@ -22,6 +24,8 @@ ADVICE = '/privileged/advice'
 DIAGNOSTICS = '/diagnostics'
 IMU_EXTRINSICS = '/sensing/imu/extrinsics'
 PRIVILEGED_PREFIX = '/privileged/'
+# Of the whole domain, as everywhere in ROS; all other topics belong to the namespace of their node, thus to one car.
+SHARED = (CLOCK, DIAGNOSTICS)
 
 
 def image_topic(camera: str) -> str:
@@ -57,6 +61,7 @@ class Publisher(Enum):
     SIMULATION = 'bridge (training only)'
     PLANNER = 'planner'
     GATE = 'safety gate'
+    COMMAND_RECEIVER = 'bridge, vehicle or command adapter'
     COLLECTOR = 'collector'
     ANY_NODE = 'every node'
 
@@ -83,6 +88,9 @@ MOTION_QOS = QosProfile(depth=20)
 LATCHED_QOS = QosProfile(latched=True, depth=1)
 # Only the newest command counts for who obeys it, but a recorder that was busy for seconds gets all of them.
 COMMAND_QOS = QosProfile(depth=1, kept=50)
+STATUS_QOS = QosProfile(depth=5)
+# What is signed with the key that launcher, gate, planner and vehicle share: docs/security.md.
+SIGNED = (PROPOSED, COMMAND, STATUS)
 PRIVILEGED_QOS = QosProfile(depth=5)
 DIAGNOSTICS_QOS = QosProfile(depth=10)
 
@@ -95,6 +103,7 @@ class TopicSpec:
     """One row: message type, rate in Hz (or ON_CHANGE), QoS, publisher, and what it carries (prose for the document).
 
     optional: not always present: it replaces another topic when a parameter says so, or exists in collected bags only.
+    stamped: the message begins with a stamp, its own or that of its header.
     """
 
     name: str
@@ -104,6 +113,7 @@ class TopicSpec:
     publisher: Publisher
     carries: str
     optional: bool = False
+    stamped: bool = True
 
     @property
     def privileged(self) -> bool:
@@ -197,7 +207,7 @@ TOPICS: tuple[TopicSpec, ...] = (
         rate_hz=DECISION_HZ,
         qos=COMMAND_QOS,
         publisher=Publisher.PLANNER,
-        carries='named actuators: throttle, brake [0, 1], steer [-1, 1] left positive, reverse; stamp of the input',
+        carries='named actuators: throttle, brake [0, 1], steer [-1, 1] left positive, reverse; input stamp; signed',
     ),
     TopicSpec(
         name=COMMAND,
@@ -205,7 +215,26 @@ TOPICS: tuple[TopicSpec, ...] = (
         rate_hz=DECISION_HZ,
         qos=COMMAND_QOS,
         publisher=Publisher.GATE,
-        carries='the same fields after the gate; the only topic a vehicle obeys',
+        carries='the same fields after the gate, and `activation`; signed; the only topic a vehicle obeys',
+    ),
+    TopicSpec(
+        name=STATUS,
+        msgtype='sensor_msgs/msg/JointState',
+        rate_hz=DECISION_HZ,
+        qos=STATUS_QOS,
+        publisher=Publisher.COMMAND_RECEIVER,
+        carries='speed, whether the vehicle has stopped by itself, the newest `activation` it heard; signed',
+        optional=True,
+    ),
+    TopicSpec(
+        name=AUTONOMY,
+        msgtype='std_msgs/msg/Bool',
+        rate_hz=ON_CHANGE,
+        qos=LATCHED_QOS,
+        publisher=Publisher.COMMAND_RECEIVER,
+        carries='whether the car obeys commands; false: its driver has taken over, and the gate hands over (latched)',
+        optional=True,
+        stamped=False,
     ),
     TopicSpec(
         name=BEV,

@@ -9,8 +9,8 @@ from typing import Annotated
 from pydantic import Field
 
 from raw2drive_ros.contracts.errors import ConfigError
-from raw2drive_ros.driving.gate import GateLimits
 from raw2drive_ros.driving.gate_limits import MotionLimits
+from raw2drive_ros.driving.gate_state import GateLimits
 from raw2drive_ros.settings import Strict, load_strict, params_folder
 from raw2drive_ros.timing import Timing
 
@@ -63,7 +63,13 @@ class GateConfig(Strict):
         return MotionLimits(**self.motion.model_dump())
 
     def gate_limits(self, timing: Timing) -> GateLimits:
-        ages = ('comfortable_after_s', 'emergency_after_s', 'frozen_after_s', 'proposal_age_s', 'odometry_after_s')
+        ages = (
+            'activation_expires_s',
+            'comfortable_after_s',
+            'emergency_after_s',
+            'proposal_age_s',
+            'odometry_after_s',
+        )
         found = {name: getattr(timing, name) for name in (*ages, 'clock_back_s', 'frozen_odometry')}
         return GateLimits(**found, **self.stop.model_dump())
 

@@ -54,7 +54,7 @@ class RawDriver:
         action = int(choice.action)
         probability = float(choice.log_probs[0, action].exp())
         elapsed_ms = (time.perf_counter() - started) * 1e3
-        return Decision(frame.stamp_ns, ACTIONS[action], action, elapsed_ms, {'probability': probability})
+        return Decision(frame.stamp_ns, ACTIONS[action], action, elapsed_ms, info={'probability': probability})
 
     def _stack(self, frame: SensorFrame) -> NDArray[np.uint8]:
         """(1, views, H, W, 3) uint8 in the bundle's order of cameras."""

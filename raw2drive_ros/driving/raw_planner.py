@@ -21,6 +21,7 @@ from raw2drive_ros.driving.bundle import Bundle, check_rig
 from raw2drive_ros.driving.frame_assembler import FrameAssembler
 from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.driving.sensor_monitor import Finding, Health, MonitorLimits, SensorMonitor
+from raw2drive_ros.driving.synchronisation import Synchronisation, is_due
 
 NO_ROUTE = f'no route yet: who publishes {topics.ROUTE}?'
 
@@ -28,11 +29,15 @@ NO_ROUTE = f'no route yet: who publishes {topics.ROUTE}?'
 class RawPlanner:
     """Assembles frames, watches the sensors and decides; `None` is silence, which makes the gate stop the car.
 
-    Every `add_*` takes `now_ns`, the ROS time of arrival. `failure`: why it is silent although the sensors are healthy.
+    Decides once per decision period, by the stamps; pictures in between are left out. Every `add_*` takes `now_ns`, the
+    ROS time of arrival. `failure`: why it is silent although the sensors are healthy.
     """
 
-    def __init__(self, bundle: Bundle, limits: MonitorLimits, threads: int = 1) -> None:
+    def __init__(
+        self, bundle: Bundle, limits: MonitorLimits, threads: int = 1, sync: Synchronisation | None = None
+    ) -> None:
         self.bundle = bundle
+        self.sync = sync or Synchronisation()
         self.driver = RawDriver(bundle, threads)
         self.cameras = tuple(camera.name for camera in bundle.rig)
         self.monitor = SensorMonitor(self.cameras, limits)
@@ -45,11 +50,13 @@ class RawPlanner:
     def start(self, now_ns: int, *, same_vehicle: bool = False) -> None:
         """Start, or start again without the samples so far. same_vehicle: keep route and calibrations, which are
         latched and not sent again, as after a jump of time."""
-        self.assembler = FrameAssembler(self.cameras)
+        self.assembler = FrameAssembler(self.cameras, self.sync)
         self.monitor.reset()
         self.monitor.start(now_ns)
+        self.started_ns = now_ns
         self.driver.reset()
         self.answered: Decision | None = None
+        self.taken_ns: int | None = None
         if not same_vehicle:
             self.route: Route | None = None
             self.calibrations: dict[str, CameraCalibration] = {}
@@ -65,8 +72,21 @@ class RawPlanner:
     def look(self, now_ns: int) -> None:
         """Check the sensors at `now_ns`; the result is in `findings` and `health`."""
         self.findings = self.monitor.findings(now_ns)
+        if self.health is not Health.STOP:
+            self.findings = [*self._without_frames(now_ns), *self.findings]
+
+    def _without_frames(self, now_ns: int) -> list[Finding]:
+        """Every input is heard, but no frame has been complete for a while: that must not pass in silence."""
+        since_s = (now_ns - max(self.assembler.last_ns, self.started_ns)) * 1e-9
+        lacks = self.assembler.lacks()
+        if since_s <= self.monitor.limits.memory_s or not lacks or not self.monitor.complete:
+            return []
+        remedy = 'trigger the sensors together, or see `raw2drive drive --camera-skew` and `--interpolate-age`'
+        return [Finding(Health.STOP, f'frames: none for {since_s:.1f} s, {lacks}', remedy)]
 
     def add_route(self, route: Route) -> None:
+        if self.route is not None and route.stamp_ns != self.route.stamp_ns:
+            self.taken_ns = None
         self.route = route
         if self.failure == NO_ROUTE:
             self.failure = ''
@@ -83,10 +103,22 @@ class RawPlanner:
         self.calibrations.pop(camera, None)
         self.rig_checked = False
 
+    def forget_pictures(self) -> None:
+        """The calibration of a camera has become another one: drop the pictures that wait for others."""
+        self.assembler.forget_pictures()
+
     def add_image(self, camera: str, stamp_ns: int, image: Image8, now_ns: int) -> Decision | None:
+        if not is_due(stamp_ns, self.taken_ns):
+            self.skip_image(camera, stamp_ns, now_ns)
+            return None
         if not self.monitor.heard(camera, stamp_ns, now_ns):
             return None
         return self._decide(self.assembler.add_image(camera, stamp_ns, image), now_ns)
+
+    def skip_image(self, camera: str, stamp_ns: int, now_ns: int) -> None:
+        """A picture arrived that no decision needs: the camera is alive."""
+        if self.monitor.heard(camera, stamp_ns, now_ns):
+            self.monitor.between(camera)
 
     def add_imu(self, sample: ImuSample, now_ns: int) -> Decision | None:
         if not self.monitor.heard('imu', sample.stamp_ns, now_ns):
@@ -112,6 +144,9 @@ class RawPlanner:
         if self.answered is not None and self.answered.stamp_ns == frame.stamp_ns:
             # The same tick again: its answer was lost. Deciding twice would advance the recurrent state twice.
             return self.answered
+        if not is_due(frame.stamp_ns, self.taken_ns):
+            return None
+        self.taken_ns = frame.stamp_ns
         self.monitor.frame(frame)
         self.look(now_ns)
         if self.health is Health.STOP:

@@ -85,6 +85,7 @@ class SensorMonitor:
     _ahead_ns: dict[str, int] = field(default_factory=dict)
     _camera_states: dict[str, _CameraState] = field(default_factory=dict)
     _frames_ns: deque[int] = field(default_factory=deque)
+    _pictures_ns: dict[str, deque[int]] = field(default_factory=dict)
     _refused: dict[str, tuple[int, str]] = field(default_factory=dict)
     _absurd: str = ''
     _absurd_count: int = 0
@@ -96,6 +97,7 @@ class SensorMonitor:
         self._ahead_ns.clear()
         self._camera_states.clear()
         self._frames_ns.clear()
+        self._pictures_ns.clear()
         self._refused.clear()
         self._absurd_count = 0
         self._started_ns = None
@@ -121,9 +123,15 @@ class SensorMonitor:
         if stamp_ns < self._heard_ns.get(name, stamp_ns):
             self._count(f'{name}_out_of_order')
             return False
+        if name in self.cameras and stamp_ns != self._heard_ns.get(name):
+            self._pictures_ns.setdefault(name, deque(maxlen=self.limits.gaps + 1)).append(stamp_ns)
         self._heard_ns[name] = stamp_ns
         self._ever.add(name)
         return True
+
+    def between(self, name: str) -> None:
+        """A picture came between two decisions, from a camera that is faster than those. That is no fault."""
+        self._count(f'{name}_between')
 
     def refused(self, name: str, why: str, now_ns: int) -> None:
         """A message of input `name` violates its contract."""
@@ -204,11 +212,28 @@ class SensorMonitor:
         if len(self._frames_ns) <= self.limits.gaps:
             return []
         gap_s = (self._frames_ns[-1] - self._frames_ns[0]) * 1e-9 / self.limits.gaps
-        if gap_s <= self.limits.degraded_gap_s:
+        wanted_s = self.limits.period_s
+        if wanted_s**2 / self.limits.degraded_gap_s <= gap_s <= self.limits.degraded_gap_s:
             return []
         health = Health.STOP if gap_s > self.limits.stop_gap_s else Health.DEGRADED
-        cause = f'camera sets: {1.0 / gap_s:.1f} Hz instead of {1.0 / self.limits.period_s:.0f}'
-        return [Finding(health, cause, 'does every camera carry the same stamps, is the machine overloaded?')]
+        cause = f'camera sets: {1.0 / gap_s:.1f} Hz instead of {1.0 / wanted_s:.0f}'
+        remedy = 'does every camera carry the same stamps, is the machine overloaded?'
+        faster = self._faster_cameras()
+        if faster:
+            cause += f', pictures come at {", ".join(faster)}'
+            remedy = f'set every camera to {1.0 / wanted_s:.0f} Hz or a multiple of it'
+        return [Finding(health, cause, remedy)]
+
+    def _faster_cameras(self) -> list[str]:
+        """Rates of the cameras that are faster than decisions, but not by a whole factor."""
+        rates = []
+        for stamps in self._pictures_ns.values():
+            if len(stamps) > self.limits.gaps:
+                gap_s = (stamps[-1] - stamps[0]) * 1e-9 / self.limits.gaps
+                factor = self.limits.period_s / gap_s
+                if factor > 1.05 and abs(factor - round(factor)) > 0.05:
+                    rates.append(f'{1.0 / gap_s:.1f} Hz')
+        return sorted(set(rates))
 
     def _lately(self, now_ns: int) -> list[Finding]:
         found = []

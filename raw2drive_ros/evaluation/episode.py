@@ -11,9 +11,10 @@ import numpy as np
 
 from msg_adapters.factory import MessageFactory, RosbagsFactory
 from msg_adapters.sensors import odometry_from_message, odometry_to_message
-from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
-from raw2drive_ros.driving.gate import Gate, Moment
+from raw2drive_ros.contracts.public import Control, Decision, SensorFrame, VehicleStatus
+from raw2drive_ros.driving.gate import Gate
 from raw2drive_ros.driving.gate_config import load_gate_config
+from raw2drive_ros.driving.gate_state import Moment
 from raw2drive_ros.evaluation.comfort import comfort_percent
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult, efficiency_percent, score_route
@@ -79,7 +80,7 @@ def drive_route(
     factory = RosbagsFactory()
     # Configured as the gate node in lock-step: silence is measured in ROS time, limits and stops are the shipped ones.
     config = load_gate_config()
-    gate = Gate(config.gate_limits(load_timing()), config.motion_limits(), steady=False)
+    gate = Gate(config.gate_limits(load_timing()), config.motion_limits(), steady=False, simulated=True)
     driver.reset(driver_seed(route))
     tick, _ = env.reset_to(route)
     drive = Drive(result_of(env, bench2drive_compat=bench2drive_compat))
@@ -88,7 +89,10 @@ def drive_route(
         decision = driver.control(env, as_received(factory, tick), tick)
         drive.decide_ms.append((time.perf_counter() - started) * 1e3)
         now = Moment(time.monotonic(), tick.stamp_ns * 1e-9)
-        gate.observe(tick.sensors.odometry.speed_mps, now)
+        speed_mps = tick.sensors.odometry.speed_mps
+        # As the bridge reports it: the car was put at the route's start, where it may move already.
+        gate.vehicle(VehicleStatus(tick.stamp_ns, speed_mps, placed=1, ticks=len(drive.controls)), now)
+        gate.observe(speed_mps, now)
         control = gate.propose(decision, now)
         on_tick(tick, decision)
         tick, reward, *_ = env.step(control)

@@ -6,6 +6,7 @@ Time runs in lock-step: messages that are due by a tick are delivered before tha
 
 from __future__ import annotations
 
+import dataclasses
 import heapq
 import itertools
 import time
@@ -13,17 +14,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from msg_adapters.commands import decision_from_message, decision_to_message
+from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
+from msg_adapters.vehicle_status import status_to_message
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import ContractError
 from raw2drive_ros.contracts.public import Control, Decision
-from raw2drive_ros.driving import gate_inputs
 from raw2drive_ros.driving.command_policy import CommandPolicy
-from raw2drive_ros.driving.gate import STOPS, Gate, Moment
+from raw2drive_ros.driving.command_receiver import CommandReceiver
+from raw2drive_ros.driving.gate import Gate
 from raw2drive_ros.driving.gate_config import load_gate_config
+from raw2drive_ros.driving.gate_inputs import GateInputs
+from raw2drive_ros.driving.gate_state import STOPS, Moment
 from raw2drive_ros.driving.planner_inputs import PlannerInputs
 from raw2drive_ros.driving.raw_planner import RawPlanner
+from raw2drive_ros.driving.single_writer import Sender
 from raw2drive_ros.evaluation.episode import result_of
 from raw2drive_ros.evaluation.metrics import RouteResult
 from raw2drive_ros.evaluation.tick_messages import TickMessages
@@ -111,13 +115,17 @@ class _Stack:
         factory, timing, config = RosbagsFactory(), load_timing(), load_gate_config()
         self.planner, self.inputs = planner, PlannerInputs(planner)
         self.messages, self.wire = TickMessages(factory, env.rig), _Wire(injector, factory)
-        self.gate = Gate(config.gate_limits(timing), config.motion_limits(), steady=False)
-        self.vehicle = CommandPolicy(timing.command_hold_s, timing.command_brake)
+        self.gate = Gate(config.gate_limits(timing), config.motion_limits(), steady=False, simulated=True)
+        # Nothing is signed within one process; numbers and the rules of one sender are as in the graph.
+        self.gate_inputs = GateInputs(self.gate)
+        self.senders = {name: Sender(name) for name in topics.SIGNED}
+        self.vehicle = CommandReceiver(CommandPolicy(timing.command_hold_s, timing.command_brake))
         self.braking, self.now_ns = False, 0
 
     def start(self, now_ns: int) -> None:
         self.wire.injector.start(now_ns)
         self.planner.start(now_ns)
+        self.vehicle.place()
         for topic, _, message in self.messages.latched(now_ns):
             self.wire.send(topic, message, now_ns)
 
@@ -125,13 +133,18 @@ class _Stack:
         """Deliver the messages of this tick; returns the command that the vehicle carries out."""
         now_ns = tick.stamp_ns
         now = Moment(time.monotonic(), now_ns * 1e-9)
+        status = self.vehicle.status(now_ns, tick.sensors.odometry.speed_mps, self.senders[topics.STATUS].next())
+        self.wire.send(topics.STATUS, status_to_message(self.wire.factory, status), now_ns)
+        self.vehicle.ticks += 1
         sources = [self.messages.motion(tick), self.messages.cameras(tick)]
         for topic, _, message in itertools.chain([self.messages.route(tick)] if with_route else [], *sources):
             self.wire.send(topic, message, now_ns)
         self.now_ns = now_ns
         for topic, message in self.wire.due(now_ns):
             if topic == topics.ODOMETRY:
-                gate_inputs.odometry(self.gate, message, now)
+                self.gate_inputs.odometry(message, now)
+            elif topic == topics.STATUS:
+                self.gate_inputs.status(message, now)
             if topic in self.inputs.handlers:
                 decision = self.inputs.receive(topic, message, now_ns)
                 if decision is not None:
@@ -149,32 +162,32 @@ class _Stack:
     def _answer(self, topic: str, message: Any, now: Moment) -> None:
         """Deliver a proposal to the gate, or a command to the vehicle."""
         if topic == topics.PROPOSED:
-            self._send(topics.COMMAND, gate_inputs.proposal(self.gate, message, now), self.now_ns)
+            self._send(topics.COMMAND, self.gate_inputs.proposal(message, now), self.now_ns)
         elif topic == topics.COMMAND:
             self._command(message, self.now_ns)
 
     def _command(self, message: Any, now_ns: int) -> None:
-        try:
-            decision = decision_from_message(message)
-            if decision.stamp_ns == now_ns:
-                # Lock-step: a command with another tick's stamp is ignored.
-                self.vehicle.accept(decision.control.validate(), now_ns)
-        except ContractError:
-            # As in the bridge: an invalid command is dropped, and the last valid one is held for the hold time.
-            return
+        decision = self.vehicle.receive(message)
+        # Lock-step: a command with another tick's stamp is ignored.
+        if decision is not None and decision.stamp_ns == now_ns:
+            self.vehicle.policy.accept(decision.control, now_ns)
 
     def _obey(self, now_ns: int) -> Control:
         for _, message in self.wire.due(now_ns):
             self._command(message, now_ns)
-        last = self.vehicle.last
-        if last is not None and self.vehicle.last_ns == now_ns:
+        policy = self.vehicle.policy
+        if self.vehicle.stopped:
+            self.braking = True
+            return self.vehicle.brake()
+        if policy.last is not None and policy.last_ns == now_ns:
             self.braking = False
-            return last
-        self.braking = last is None or self.vehicle.expired(now_ns)
-        return self.vehicle.missing(now_ns)
+            return policy.last
+        self.braking = policy.last is None or policy.expired(now_ns)
+        return policy.missing(now_ns)
 
     def _send(self, topic: str, decision: Decision, now_ns: int) -> None:
-        self.wire.send(topic, decision_to_message(self.wire.factory, decision), now_ns)
+        numbered = dataclasses.replace(decision, sequence=self.senders[topic].next())
+        self.wire.send(topic, decision_to_message(self.wire.factory, numbered), now_ns)
 
 
 def _note(drive: FaultyDrive, stack: _Stack, since_s: float, env: DrivingEnv) -> None:
@@ -184,7 +197,8 @@ def _note(drive: FaultyDrive, stack: _Stack, since_s: float, env: DrivingEnv) ->
     if gate.state not in STOPS and not (stack.braking and drive.controls):
         return
     if drive.stop_s is None:
-        drive.stop_s, drive.reason = since_s, gate.reason or 'the vehicle heard no command'
+        reason = gate.reason or stack.vehicle.stopped or 'the vehicle heard no command'
+        drive.stop_s, drive.reason = since_s, reason
     drive.stop_state = gate.state.value if gate.state in STOPS else 'vehicle'
     if drive.stand_s is None and abs(env.world.ego.speed) < gate.limits.standing_mps:
         drive.stand_s = since_s

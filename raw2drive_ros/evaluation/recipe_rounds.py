@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -17,6 +18,7 @@ from raw2drive_ros.contracts.errors import CheckpointError
 from raw2drive_ros.evaluation.results import read_results
 from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.progress import bar
+from raw2drive_ros.safe_path import safe_path_variables
 from raw2drive_ros.training.recipe import Collection, Recipe
 from raw2drive_ros.training.run import RunFolder, train
 from raw2drive_ros.world_model.run_files import BEST, CHECKPOINTS, newest_checkpoint
@@ -37,7 +39,8 @@ class Job:
         self.log.parent.mkdir(parents=True, exist_ok=True)
         with self.log.open('wb') as out:
             command = [sys.executable, '-m', 'raw2drive_ros.cli.main', *self.arguments]
-            self.process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
+            environment = os.environ | safe_path_variables()
+            self.process = subprocess.Popen(command, env=environment, stdout=out, stderr=subprocess.STDOUT)
 
     @property
     def done(self) -> int:

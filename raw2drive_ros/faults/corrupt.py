@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from msg_adapters.commands import ACTUATORS
 from msg_adapters.stamps import set_stamp, stamp_ns
+from msg_adapters.vehicle_status import SPEED
 from raw2drive_ros.faults.plan import Fault
 
 VECTORS = {
@@ -40,16 +42,16 @@ def _image(message: Any, fault: Fault, rng: np.random.Generator) -> None:
 
 
 def _command(message: Any, fault: Fault, count: int) -> None:
-    values = np.array(message.position, np.float64)
-    steer = list(message.name).index('steer')
+    """Actuators, or the speed of a status; not the number of the message, which a sender at fault counts on."""
+    values, names = np.array(message.position, np.float64), list(message.name)
+    measured = [names.index(name) for name in (*ACTUATORS, SPEED) if name in names]
     if fault.kind == 'nan':
-        values[:] = np.nan
+        values[measured] = np.nan
     elif fault.kind == 'scale':
-        values *= fault.strength
-    elif fault.kind == 'swing':
-        values[steer] = fault.strength * (-1.0) ** count
-    elif fault.kind == 'lock':
-        values[steer] = fault.strength
+        values[measured] *= fault.strength
+    elif 'steer' in names:
+        steer = fault.strength * (-1.0) ** count if fault.kind == 'swing' else fault.strength
+        values[names.index('steer')] = steer
     message.position = values
 
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from msg_adapters.commands import SEQUENCE
 from msg_adapters.factory import RosbagsFactory
+from msg_adapters.signatures import session_of, sign
 from msg_adapters.stamps import set_stamp, stamp_ns
+from raw2drive_ros.contracts import topics
 from raw2drive_ros.faults.corrupt import corrupt
 from raw2drive_ros.faults.plan import Fault
 
@@ -17,13 +21,15 @@ from raw2drive_ros.faults.plan import Fault
 class Injector:
     """faults: of one plan. The same seed and messages give the same faults, for each topic on its own.
 
-    counts: messages affected, by `kind topic`.
+    counts: messages affected, by `kind topic`. key: of the signatures: a fault of a sender is signed by that sender,
+    so what is corrupted is signed anew; None where nothing is signed.
     """
 
     faults: list[Fault]
     seed: int = 0
     counts: dict[str, int] = field(default_factory=dict)
     start_ns: int | None = None
+    key: bytes | None = None
     _factory: RosbagsFactory = field(default_factory=RosbagsFactory)
     _held: dict[tuple[int, str], bytes] = field(default_factory=dict)
     _rngs: dict[tuple[int, str], np.random.Generator] = field(default_factory=dict)
@@ -77,7 +83,19 @@ class Injector:
         if fault.kind == 'freeze':
             held = self._factory.deserialize(self._held.setdefault(key, data), msgtype)
             set_stamp(held.header.stamp, stamp_ns(message.header.stamp))
+            if topic in topics.SIGNED:
+                _number_as(message, held)
             message = held
         else:
             corrupt(message, msgtype, fault, before, rng)
+        if self.key is not None and topic in topics.SIGNED and (session := session_of(message)):
+            sign(message, topic, self.key, session)
         return [(due_ns, self._factory.serialize(message, msgtype))]
+
+
+def _number_as(message: Any, held: Any) -> None:
+    """Give a held message the number of the one in whose place it is sent: a frozen sender counts on."""
+    if SEQUENCE in message.name and SEQUENCE in held.name:
+        position = np.array(held.position)
+        position[list(held.name).index(SEQUENCE)] = message.position[list(message.name).index(SEQUENCE)]
+        held.position = position

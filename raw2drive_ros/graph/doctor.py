@@ -55,7 +55,7 @@ def _versions(problems: list[str]) -> dict[str, str]:
 
 
 def _transport(problems: list[str]) -> dict[str, Any]:
-    from raw2drive_ros.nodes.transport import configure_transport, profile_in_force, shipped_profile
+    from raw2drive_ros.nodes.transport import configure_transport, network_is_open, profile_in_force, shipped_profile
 
     before = profile_in_force()
     problems += configure_transport()
@@ -64,6 +64,7 @@ def _transport(problems: list[str]) -> dict[str, Any]:
         'set_by_user': before,
         'in_force': current,
         'shipped_profile_in_force': current is not None and Path(current).resolve() == shipped_profile().resolve(),
+        'network': network_is_open(),
         'discovery_range': os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE'),
         'domain': os.environ.get('ROS_DOMAIN_ID', '0'),
     }

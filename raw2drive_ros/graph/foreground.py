@@ -19,18 +19,24 @@ def run_single(
     nodes: dict[str, dict[str, Any]],
     domain: int,
     *,
+    namespace: str = '',
     sim_time: bool = True,
     end_within_s: float = END_WITHIN_S,
     survivor: str = '',
 ) -> int:
     """Start each node with its parameters, pass their log lines on, and end them all together.
 
-    survivor: a node that runs on for SURVIVES_S after another one has died, such as the gate to stop the car.
+    namespace: see `Graph`. survivor: a node that runs on for SURVIVES_S after another one has died, such as the gate to
+    stop the car.
     """
-    with tempfile.TemporaryDirectory(prefix='raw2drive_') as folder, running_graph(Path(folder), domain) as graph:
+    with (
+        tempfile.TemporaryDirectory(prefix='raw2drive_') as folder,
+        running_graph(Path(folder), domain, namespace) as graph,
+    ):
         for name, parameters in nodes.items():
             graph.start(name, parameters, sim_time=sim_time, end_within_s=end_within_s)
-        print(f'{", ".join(nodes)} running in ROS domain {domain}; Ctrl-C ends', file=sys.stderr)
+        place = f' as {namespace}' if namespace else ''
+        print(f'{", ".join(nodes)} running in ROS domain {domain}{place}; Ctrl-C ends', file=sys.stderr)
         offsets = dict.fromkeys(nodes, 0)
         while True:
             # Before the logs are read, so that the last lines of an ended process are read too.

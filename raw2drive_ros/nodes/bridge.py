@@ -6,6 +6,7 @@ Real time: paced by the wall clock; commands may come late, as on a car.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import time
@@ -25,6 +26,7 @@ from raw2drive_ros.artifact import write_whole
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import NodeError, UnknownScenarioError, UnknownWeatherError
 from raw2drive_ros.contracts.public import Decision
+from raw2drive_ros.driving.single_writer import Sender
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
@@ -33,8 +35,9 @@ from raw2drive_ros.evaluation.statistics import timing_of
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.nodes.command_wait import CommandWait
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
+from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.parameters import declare, wants_compressed
-from raw2drive_ros.nodes.quality import LossCounter, make_publisher
+from raw2drive_ros.nodes.quality import LossCounter, make_publisher, publisher_count
 from raw2drive_ros.nodes.runtime import run_node
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
@@ -66,6 +69,7 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     'rows_file': ('', 'append a JSON line per finished episode here'),
     'progress_file': ('', 'append one JSON line per second of simulated time here'),
     'loop': (False, 'begin the list of episodes again when it is driven'),
+    'signed_commands': (True, 'false: obey a gate that cannot sign; then anybody in the ROS domain can drive the car'),
     'max_ticks': (0, 'cut every episode after so many ticks; 0: never'),
 }
 
@@ -91,13 +95,14 @@ class BridgeNode(Node):
         self.env = DrivingEnv(config)
         self.messages = TickMessages(RclpyFactory(), self.env.rig, compressed=self.compressed)
         self.losses = LossCounter()
-        self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
+        self.commands = CommandWait(
+            self, self.losses, lock_step=bool(p['lock_step']), signed=bool(p['signed_commands'])
+        )
         self.outputs: dict[str, Any] = {name: make_publisher(self, name) for name in topics.BRIDGE_TOPICS}
         if self.sim_driver is not None:
             self.outputs[topics.PROPOSED] = make_publisher(self, topics.PROPOSED)
+        self.proposals = Sender(topics.PROPOSED, load_key(self.context.get_domain_id()))
         self.create_service(Trigger, '~/reset', self._on_reset)
-        # Only a gate with the parameter `simulated` offers it.
-        self.gate_start_over = self.create_client(Trigger, '/safety_gate/start_over')
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish)
@@ -142,8 +147,8 @@ class BridgeNode(Node):
         if self.sim_driver is not None:
             self.sim_driver.reset(driver_seed(route))
         self._publish_route(tick)
-        self._start_gate_over()
         ticks = 0
+        # The first status after this tells a gate with the parameter `simulated` that the car was put elsewhere.
         self.commands.begin()
         limit = int(self.p['max_ticks'])
         while not self.env.done and (not limit or ticks < limit):
@@ -176,15 +181,6 @@ class BridgeNode(Node):
             append_row(Path(self.p['rows_file']), result)
         self._progress(index, ticks, done=True)
 
-    def _start_gate_over(self) -> None:
-        if not self.gate_start_over.service_is_ready():
-            return
-        answer = self.gate_start_over.call_async(Trigger.Request())
-        self.executor_.spin_until_future_complete(answer, timeout_sec=self.timing.lock_step_timeout_s)
-        if not answer.done():
-            self.gate_start_over.remove_pending_request(answer)
-            self.get_logger().warning('the safety gate has not answered ~/start_over; a stop may stay latched')
-
     def _publish_again(self, tick: Tick) -> None:
         self._publish_route(tick)
         self._publish(tick)
@@ -205,6 +201,7 @@ class BridgeNode(Node):
         clock = self.messages.factory.new('rosgraph_msgs/msg/Clock')
         clock.clock.sec, clock.clock.nanosec = divmod(tick.stamp_ns, 1_000_000_000)
         self.outputs[topics.CLOCK].publish(clock)
+        self.commands.port.report(tick.stamp_ns, tick.sensors.odometry.speed_mps)
         for source in (
             self.messages.motion(tick),
             self.messages.privileged(tick, self.episode),
@@ -214,7 +211,9 @@ class BridgeNode(Node):
                 self.outputs[topic].publish(message)
 
     def _propose(self, decision: Decision) -> None:
-        self.outputs[topics.PROPOSED].publish(decision_to_message(self.messages.factory, decision))
+        numbered = dataclasses.replace(decision, sequence=self.proposals.next())
+        message = decision_to_message(self.messages.factory, numbered)
+        self.outputs[topics.PROPOSED].publish(self.proposals.sign(message))
         self.proposed = decision
 
     # -- callbacks --------------------------------------------------------------------------------
@@ -240,15 +239,11 @@ class BridgeNode(Node):
         return response
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
-        level = WARN if self.commands.policy.missed or self.losses.total or self.commands.refused else OK
-        values = {
-            'episode': self.episode,
-            'commands_missed': self.commands.policy.missed,
-            'commands_refused': self.commands.refused,
-            'messages_lost': self.losses.total,
-            'paused': self.paused,
-        }
-        return level, 'driving' if self.episode else 'waiting for peers', values
+        level, text, values = self.commands.port.describe()
+        if self.losses.total and level == OK:
+            level = WARN
+        values = {'episode': self.episode, **values, 'messages_lost': self.losses.total, 'paused': self.paused}
+        return level, text or ('driving' if self.episode else 'waiting for peers'), values
 
     # -- start and end ----------------------------------------------------------------------------
 
@@ -257,7 +252,7 @@ class BridgeNode(Node):
         deadline = time.perf_counter() + 1.0
         while time.perf_counter() < deadline:
             self.executor_.spin_once(timeout_sec=0.1)
-        if self.count_publishers(topics.CLOCK) > 1:
+        if publisher_count(self, topics.CLOCK) > 1:
             domain = os.environ.get('ROS_DOMAIN_ID', '0')
             raise NodeError(
                 f'another node publishes {topics.CLOCK} in ROS domain {domain}: '
@@ -302,7 +297,7 @@ class BridgeNode(Node):
         for name, count in wanted.items():
             if (found := self._listeners(name)) < count:
                 return f'{found} of {count} subscribers on {name}'
-        return '' if self.count_publishers(topics.COMMAND) else f'no publisher on {topics.COMMAND}'
+        return '' if publisher_count(self, topics.COMMAND) else f'no publisher on {topics.COMMAND}'
 
     def _listeners(self, name: str) -> int:
         """Matched subscribers; on sensor topics without gate and command adapter, which need odometry only."""

@@ -46,6 +46,7 @@ class CarlaBridgeNode(Node):
                 'bundle': ('', 'policy bundle whose cameras are mounted (default: the shipped one)'),
                 'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
                 'image_transport': ('raw', 'raw images, or compressed ones (JPEG)'),
+                'signed_commands': (True, 'false: obey a gate that cannot sign its commands'),
                 'max_ticks': (0, 'end after so many decision ticks; 0: never'),
             },
         )
@@ -56,7 +57,9 @@ class CarlaBridgeNode(Node):
         self.messages = TickMessages(RclpyFactory(), rig, compressed=compressed)
         self.losses = LossCounter()
         self.outputs = {name: make_publisher(self, name) for name in topics.CARLA_BRIDGE_TOPICS}
-        self.commands = CommandWait(self, self.losses, lock_step=bool(p['lock_step']))
+        self.commands = CommandWait(
+            self, self.losses, lock_step=bool(p['lock_step']), signed=bool(p['signed_commands'])
+        )
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         # Last: a failure before this leaves nothing on the server, and CarlaVehicle cleans up after its own failures.
         self.vehicle = CarlaVehicle(CarlaSettings(**{name: p[name] for name in names}, imu_x_m=IMU_X_M), rig)
@@ -84,20 +87,17 @@ class CarlaBridgeNode(Node):
         if route:
             topic, _, message = self.messages.route(tick)
             self.outputs[topic].publish(message)
+        self.commands.port.report(tick.stamp_ns, tick.sensors.odometry.speed_mps)
         for source in (self.messages.motion(tick), self.messages.cameras(tick)):
             for topic, _, message in source:
                 self.outputs[topic].publish(message)
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
-        missed, refused = self.commands.policy.missed, self.commands.refused
-        level = WARN if missed or refused or self.losses.total else OK
-        values = {
-            'server': self.vehicle.versions[1],
-            'commands_missed': missed,
-            'commands_refused': refused,
-            'messages_lost': self.losses.total,
-        }
-        return level, 'driving', values
+        level, text, values = self.commands.port.describe()
+        if self.losses.total and level == OK:
+            level = WARN
+        values = {'server': self.vehicle.versions[1], **values, 'messages_lost': self.losses.total}
+        return level, text or 'driving', values
 
     def close(self) -> None:
         self.vehicle.close()

@@ -12,21 +12,22 @@ from typing import Any
 
 from rclpy.node import Node
 
-from msg_adapters.commands import decision_from_message
-from msg_adapters.diagnostics import ERROR, OK, WARN
+from msg_adapters.diagnostics import ERROR
 from msg_adapters.factory import RclpyFactory
 from msg_adapters.motion import CarFigures, motion_of, standstill
 from msg_adapters.sensors import odometry_from_message
 from msg_adapters.vehicle_commands import ADAPTERS
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import ContractError, NodeError
+from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.driving.gate_config import load_gate_config
+from raw2drive_ros.nodes.command_port import CommandPort
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.parameters import declare
-from raw2drive_ros.nodes.quality import LossCounter, make_subscription
+from raw2drive_ros.nodes.quality import LossCounter, expanded_name, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
-from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ
+from raw2drive_ros.tables.rates import DECISION_HZ, DIAGNOSTICS_HZ
 from raw2drive_ros.timing import load_timing
 
 
@@ -41,6 +42,7 @@ class CommandAdapterNode(Node):
                 'output': ('twist', f'what the vehicle takes: {", ".join(ADAPTERS)}'),
                 'topic': ('', 'where it listens (default: the usual topic of such vehicles)'),
                 'config': ('', "the car's figures, as for the safety gate (default: params/gate.yaml)"),
+                'signed_commands': (True, 'false: obey a gate that cannot sign its commands'),
                 'horizon_s': (0.5, 'how far ahead a speed is asked for: about the time its speed controller takes'),
             },
         )
@@ -63,26 +65,22 @@ class CommandAdapterNode(Node):
         self.speed_good_ns = round(timing.odometry_after_s * 1e9)
         self.policy = CommandPolicy(timing.command_hold_s, timing.command_brake)
         self.speed_mps, self.speed_ns = 0.0, -self.speed_good_ns - 1
-        self.refused, self.trouble = 0, ''
+        self.trouble = ''
         self.losses = LossCounter()
-        topic = p['topic'] or self.adapter.topic
+        topic = p['topic'] or expanded_name(self, self.adapter.topic)
         self.output = self.create_publisher(type(message), topic, 1)
-        make_subscription(self, topics.COMMAND, self._on_command, self.losses)
+        self.port = CommandPort(self, self.policy, self.losses, self._on_command, signed=bool(p['signed_commands']))
         make_subscription(self, topics.ODOMETRY, self._on_odometry, self.losses)
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         steady = steady_clock()
         self.create_timer(1.0 / DIAGNOSTICS_HZ, self.diagnostics.publish, clock=steady)
         self.create_timer(1.0 / timing.gate_rate_hz, self._publish, clock=steady)
+        # The speed is the odometry's, which is another node's to tell.
+        self.create_timer(1.0 / DECISION_HZ, self._report, clock=steady)
         self.get_logger().info(f'{topics.COMMAND} as {self.adapter.msgtype} on {topic}')
 
-    def _on_command(self, message: Any) -> None:
-        try:
-            control = decision_from_message(message).control.validate()
-        except ContractError as error:
-            self.refused += 1
-            self.get_logger().error(f'command refused: {error}', throttle_duration_sec=1.0)
-            return
-        self.policy.accept(control, time.monotonic_ns())
+    def _on_command(self, decision: Decision) -> None:
+        self.policy.accept(decision.control, time.monotonic_ns())
         self._publish()
 
     def _on_odometry(self, message: Any) -> None:
@@ -95,16 +93,24 @@ class CommandAdapterNode(Node):
 
     def _publish(self) -> None:
         now_ns = time.monotonic_ns()
-        fresh = self.policy.last is not None and not self.policy.expired(now_ns)
-        control = self.policy.last if fresh and self.policy.last is not None else self.policy.missing(now_ns)
+        stopped = bool(self.port.receiver.stopped)
+        fresh = self.policy.last is not None and not self.policy.expired(now_ns) and not stopped
+        if stopped:
+            control = self.port.receiver.brake()
+        else:
+            control = self.policy.last if fresh and self.policy.last is not None else self.policy.missing(now_ns)
         known = now_ns - self.speed_ns <= self.speed_good_ns
         if known:
             motion = motion_of(control, self.speed_mps, self.car, self.horizon_s)
         else:
             motion = standstill(control, self.car, self.speed_mps)
-        self._say('' if fresh and known else 'no odometry: asking for a standstill' if fresh else 'no command: braking')
+        trouble = 'stopped: braking' if stopped else 'no command: braking' if not fresh else ''
+        self._say(trouble or ('' if known else 'no odometry: asking for a standstill'))
         stamp_ns = self.get_clock().now().nanoseconds
         self.output.publish(self.adapter.make(self.factory, control, motion, stamp_ns))
+
+    def _report(self) -> None:
+        self.port.report(self.get_clock().now().nanoseconds, None)
 
     def _say(self, trouble: str) -> None:
         if trouble != self.trouble:
@@ -112,14 +118,11 @@ class CommandAdapterNode(Node):
             self.get_logger().warning(trouble or 'passing commands on')
 
     def _describe(self) -> tuple[int, str, dict[str, Any]]:
-        level = ERROR if self.trouble else WARN if self.refused else OK
-        values = {
-            'output': self.adapter.msgtype,
-            'commands_missed': self.policy.missed,
-            'commands_refused': self.refused,
-            'messages_lost': self.losses.total,
-        }
-        return level, self.trouble or 'passing commands on', values
+        level, text, values = self.port.describe()
+        if self.trouble:
+            level = ERROR
+        values = {'output': self.adapter.msgtype, **values, 'messages_lost': self.losses.total}
+        return level, text or self.trouble or 'passing commands on', values
 
 
 def main(args: list[str] | None = None) -> int:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from msg_adapters.commands import decision_from_message
-from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import ContractError
-from raw2drive_ros.contracts.public import Control
+from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.driving.command_policy import CommandPolicy
-from raw2drive_ros.nodes.quality import LossCounter, make_subscription
+from raw2drive_ros.nodes.command_port import CommandPort
+from raw2drive_ros.nodes.quality import LossCounter
 from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.timing import load_timing
 
@@ -22,30 +19,27 @@ RESEND_AFTER_S = 1.0
 
 
 class CommandWait:
-    """lock_step: wait for the command with the tick's stamp. Otherwise use the newest one when the period is over."""
+    """lock_step: wait for the command with the tick's stamp. Otherwise use the newest one when the period is over.
 
-    def __init__(self, node: Node, losses: LossCounter, *, lock_step: bool) -> None:
+    signed: see `CommandPort`.
+    """
+
+    def __init__(self, node: Node, losses: LossCounter, *, lock_step: bool, signed: bool = True) -> None:
         self.node, self.lock_step = node, lock_step
         self.timing = load_timing()
         self.policy = CommandPolicy(self.timing.command_hold_s, self.timing.command_brake)
+        self.port = CommandPort(node, self.policy, losses, self._on_command, signed=signed)
         self.answer: tuple[int, Control] | None = None
-        self.refused = 0
         self.due = 0.0
-        make_subscription(node, topics.COMMAND, self._on_command, losses)
 
     def begin(self) -> None:
-        """Start an episode: no command is held, and the real-time schedule starts now."""
-        self.policy.reset()
+        """Start an episode: no command is held, no stop stays, and the real-time schedule starts now."""
+        self.port.receiver.place()
         self.answer = None
         self.due = time.perf_counter()
 
-    def _on_command(self, message: Any) -> None:
-        try:
-            decision = decision_from_message(message)
-            self.answer = (decision.stamp_ns, decision.control.validate())
-        except ContractError as error:
-            self.refused += 1
-            self.node.get_logger().error(f'command refused: {error}', throttle_duration_sec=1.0)
+    def _on_command(self, decision: Decision) -> None:
+        self.answer = decision.stamp_ns, decision.control
 
     def wait(
         self,
@@ -57,10 +51,14 @@ class CommandWait:
         """The command for the tick of `stamp_ns`, or what `CommandPolicy` puts in its place.
 
         resend: publishes the tick again, for peers that had not discovered each other yet (lock-step). interrupted:
-        True ends the wait early.
+        True ends the wait early. A vehicle that has stopped by itself brakes; ticks go on at their real rate.
         """
         started = time.perf_counter()
-        if self.lock_step:
+        receiver = self.port.receiver
+        receiver.ticks += 1
+        # Also in lock-step where the vehicle has stopped: nobody's answer is waited for any more.
+        follows = self.lock_step and not receiver.stopped
+        if follows:
             deadline = started + self.timing.lock_step_timeout_s
         else:
             # A fixed schedule: the time that a tick takes to simulate is part of its period.
@@ -69,15 +67,19 @@ class CommandWait:
             executor.spin_once(timeout_sec=0.0)
         again = started + RESEND_AFTER_S
         while (left := deadline - time.perf_counter()) > 0:
-            if self.lock_step and self.answer is not None and self.answer[0] == stamp_ns:
+            if receiver.stopped and follows:
+                break
+            if self.lock_step and self.answer is not None and self.answer[0] == stamp_ns and not receiver.stopped:
                 self.policy.accept(self.answer[1], stamp_ns)
                 return self.answer[1]
             executor.spin_once(timeout_sec=min(left, 0.05))
             if interrupted():
                 break
-            if self.lock_step and time.perf_counter() > again:
+            if follows and time.perf_counter() > again:
                 again = time.perf_counter() + RESEND_AFTER_S
                 resend()
+        if receiver.stopped:
+            return receiver.brake()
         newest = self.answer
         if not self.lock_step and newest is not None:
             age_s = (stamp_ns - newest[0]) * 1e-9

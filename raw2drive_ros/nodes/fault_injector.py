@@ -18,8 +18,9 @@ from raw2drive_ros.contracts.errors import NodeError
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import behind_injector, load_plans, touched_topics
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
+from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.parameters import declare
-from raw2drive_ros.nodes.quality import LossCounter, make_subscription, message_class, profile_of
+from raw2drive_ros.nodes.quality import LossCounter, expanded_name, make_subscription, message_class, profile_of
 from raw2drive_ros.nodes.runtime import run_node, steady_clock
 from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ
 
@@ -45,6 +46,7 @@ class FaultInjectorNode(Node):
         self.plan = p['plan']
         faults = file.plans[self.plan]
         self.injector = Injector(faults, p['seed'] if p['seed'] >= 0 else file.seed)
+        self.injector.key = load_key(self.context.get_domain_id())
         self.losses = LossCounter()
         self.diagnostics = DiagnosticsPublisher(self, self._describe)
         self.waiting: list[tuple[int, int, Publisher, bytes]] = []
@@ -52,7 +54,8 @@ class FaultInjectorNode(Node):
         self.said: list[str] = []
         for name in touched_topics(faults):
             spec = topics.BY_NAME[name]
-            output = self.create_publisher(message_class(spec.msgtype), behind_injector(name), profile_of(spec))
+            behind = expanded_name(self, behind_injector(name))
+            output = self.create_publisher(message_class(spec.msgtype), behind, profile_of(spec))
             make_subscription(self, name, self._passer(spec, output), self.losses, raw=True)
         self.create_timer(1.0 / DELIVER_HZ, self._deliver, clock=steady_clock())
         self.reported: dict[str, int] = {}

@@ -55,6 +55,13 @@ def declare(node: Node, table: dict[str, tuple[Any, str]], live: dict[str, Check
     return values
 
 
+def wants_best_effort(sensor_reliability: str) -> bool:
+    """Whether the parameter `sensor_reliability` asks for BEST_EFFORT. Raises ValueError for another value."""
+    if sensor_reliability not in ('reliable', 'best_effort'):
+        raise ValueError(f'sensor_reliability {sensor_reliability!r}: use reliable or best_effort')
+    return sensor_reliability == 'best_effort'
+
+
 def wants_compressed(image_transport: str) -> bool:
     """Whether the parameter `image_transport` asks for compressed images. Raises ValueError for another value."""
     if image_transport not in ('raw', 'compressed'):

@@ -5,6 +5,7 @@ This process cannot import privileged code nor subscribe to a privileged topic (
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from pathlib import Path
@@ -24,15 +25,18 @@ from msg_adapters.commands import decision_to_message
 from msg_adapters.diagnostics import ERROR, OK, WARN
 from msg_adapters.factory import RclpyFactory
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import BundleError, ConfigError, ContractError, NodeError
+from raw2drive_ros.contracts.errors import BundleError, ConfigError, ContractError, NodeError, PrivilegedImportError
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.health_report import HealthReport
 from raw2drive_ros.driving.monitor_config import load_monitor_config
 from raw2drive_ros.driving.planner_inputs import PlannerInputs
 from raw2drive_ros.driving.raw_planner import RawPlanner
 from raw2drive_ros.driving.sensor_monitor import Health
+from raw2drive_ros.driving.single_writer import Sender
+from raw2drive_ros.driving.synchronisation import Synchronisation
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
-from raw2drive_ros.nodes.parameters import declare, wants_compressed
+from raw2drive_ros.nodes.keys import load_key
+from raw2drive_ros.nodes.parameters import declare, wants_best_effort, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import run_node, spin, steady_clock
 from raw2drive_ros.tables.rates import DECISION_HZ, DIAGNOSTICS_HZ
@@ -44,6 +48,9 @@ BACK_S = 0.5
 class PlannerNode(LifecycleNode):
     """configure loads the model and warms it up, activate creates the sensor subscriptions."""
 
+    # rclpy subscribes to topics of its own before the parameters are known.
+    best_effort = False
+
     def __init__(self) -> None:
         super().__init__('planner')
         self.p = declare(
@@ -51,6 +58,9 @@ class PlannerNode(LifecycleNode):
             {
                 'bundle': ('', 'folder of the policy bundle'),
                 'image_transport': ('raw', 'raw images, or compressed ones (JPEG, PNG)'),
+                'sensor_reliability': ('reliable', 'QoS of the sensors: reliable, or best_effort, which hears either'),
+                'interpolate_age_s': (0.0, 'interpolate IMU and odometry between samples no further off; 0: never'),
+                'camera_skew_s': (0.0, 'pictures whose stamps differ by no more are one frame; 0: one stamp'),
                 'monitor': ('', 'what healthy sensors are (default: params/monitor.yaml)'),
                 'threads': (1, 'torch threads for inference'),
                 'autostart': (True, 'configure and activate at start, without a lifecycle manager'),
@@ -58,8 +68,10 @@ class PlannerNode(LifecycleNode):
             },
         )
         self.compressed = wants_compressed(self.p['image_transport'])
+        self.best_effort = wants_best_effort(self.p['sensor_reliability'])
         self.factory = RclpyFactory()
         self.losses = LossCounter()
+        self.sender = Sender(topics.PROPOSED, load_key(self.context.get_domain_id()))
         self.planner: RawPlanner | None = None
         self.inputs: PlannerInputs | None = None
         self.failure = ''
@@ -77,8 +89,9 @@ class PlannerNode(LifecycleNode):
         self.jumps = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)
 
     def create_subscription(self, msg_type: Any, topic: str, *args: Any, **kwargs: Any) -> Any:
-        """Raises PrivilegedImportError for a privileged topic, whoever subscribes."""
+        """Raises PrivilegedImportError for a privileged topic, whoever subscribes, and whatever it is remapped from."""
         refuse_privileged_topic(topic)
+        refuse_privileged_topic(self.resolve_topic_name(topic))
         return super().create_subscription(msg_type, topic, *args, **kwargs)
 
     def run(self, executor: Any) -> None:
@@ -97,13 +110,16 @@ class PlannerNode(LifecycleNode):
                 raise BundleError('parameter `bundle` is empty; give the folder of a policy bundle')
             bundle = load_bundle(Path(self.p['bundle']))
             limits = load_monitor_config(Path(self.p['monitor']) if self.p['monitor'] else None).limits(load_timing())
-            self.planner = RawPlanner(bundle, limits, int(self.p['threads']))
+            sync = Synchronisation(float(self.p['interpolate_age_s']), float(self.p['camera_skew_s']))
+            self.planner = RawPlanner(bundle, limits, int(self.p['threads']), sync)
         except (BundleError, ConfigError, ContractError) as error:
             self.failure = str(error)
             self.get_logger().error(self.failure)
             return TransitionCallbackReturn.FAILURE
         self.failure = ''
-        self.inputs = PlannerInputs(self.planner, compressed=self.compressed, on_refused=self._on_refused)
+        self.inputs = PlannerInputs(
+            self.planner, compressed=self.compressed, on_refused=self._on_refused, on_notice=self.get_logger().info
+        )
         self.output = make_publisher(self, topics.PROPOSED)
         self.get_logger().info(f'bundle {bundle.identity} from {bundle.path}')
         return TransitionCallbackReturn.SUCCESS
@@ -111,8 +127,17 @@ class PlannerNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         assert self.planner is not None and self.inputs is not None
         self.planner.start(self._now_ns())
-        for topic in self.inputs.topics:
-            self.sensor_subscriptions.append(make_subscription(self, topic, self._receiver(topic), self.losses))
+        try:
+            for topic in self.inputs.topics:
+                receiver = self._receiver(topic)
+                made = make_subscription(self, topic, receiver, self.losses, best_effort=self.best_effort)
+                self.sensor_subscriptions.append(made)
+        except PrivilegedImportError as error:
+            # rclpy would drop it without a word.
+            self._stop_listening()
+            self.failure = str(error)
+            self.get_logger().error(self.failure)
+            return TransitionCallbackReturn.FAILURE
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -151,7 +176,8 @@ class PlannerNode(LifecycleNode):
                 return
             decision = self.inputs.receive(topic, message, self._now_ns())
             if decision is not None:
-                self.output.publish(decision_to_message(self.factory, decision))
+                numbered = dataclasses.replace(decision, sequence=self.sender.next())
+                self.output.publish(self.sender.sign(decision_to_message(self.factory, numbered)))
             elif self.planner.failure:
                 self.get_logger().error(self.planner.failure, throttle_duration_sec=1.0)
 

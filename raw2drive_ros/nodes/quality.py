@@ -1,4 +1,4 @@
-"""QoS profiles from the topic table, and counting of messages that DDS reports as lost."""
+"""Names and QoS of endpoints from the topic table, and counting of messages that DDS reports as lost."""
 
 from __future__ import annotations
 
@@ -33,6 +33,30 @@ _SUBSCRIPTION_DISCOVERY = (
 )
 # The window is longer than the time-out of any node's spin, so that a spin begins in every window.
 _WINDOW_S, _PERIOD_S = 0.25, 1.0
+
+
+def expanded_name(node: Node, topic: str) -> str:
+    """The name to create an endpoint with, for a topic of the table: in the node's namespace, not yet remapped."""
+    return node.resolve_topic_name(_relative(topic), only_expand=True)
+
+
+def resolved_name(node: Node, topic: str) -> str:
+    """The name that an endpoint of this node for a topic of the table really has: after namespace and remapping."""
+    return node.resolve_topic_name(_relative(topic))
+
+
+def _relative(topic: str) -> str:
+    return topic if topic in topics.SHARED else topic.removeprefix('/')
+
+
+def publisher_count(node: Node, topic: str) -> int:
+    """Publishers known so far on the resolved name of a topic of the table; rclpy alone would not apply remapping."""
+    return node.count_publishers(resolved_name(node, topic))
+
+
+def subscriber_count(node: Node, topic: str) -> int:
+    """Subscribers known so far on the resolved name of a topic of the table."""
+    return node.count_subscribers(resolved_name(node, topic))
 
 
 def message_class(msgtype: str) -> Any:
@@ -93,7 +117,7 @@ def make_publisher(node: Node, topic: str) -> Publisher:
     return _handle_in_windows(
         node.create_publisher(
             message_class(spec.msgtype),
-            topic,
+            expanded_name(node, topic),
             profile_of(spec, spec.qos.kept or None),
             event_callbacks=PublisherEventCallbacks(),
         ),
@@ -109,18 +133,23 @@ def make_subscription(
     *,
     raw: bool = False,
     depth: int | None = None,
+    best_effort: bool = False,
 ) -> Subscription:
     """A subscription with type and QoS of the topic table; its lost messages are counted in `losses`.
 
     raw: the callback takes CDR bytes instead of messages. depth: messages to queue, in place of the table's.
+    best_effort: take a publisher that offers no more; latched topics stay reliable.
     """
     spec = topics.BY_NAME[topic]
+    profile = profile_of(spec, depth)
+    if best_effort and not spec.qos.latched:
+        profile.reliability = ReliabilityPolicy.BEST_EFFORT
     return _handle_in_windows(
         node.create_subscription(
             message_class(spec.msgtype),
-            topic,
+            expanded_name(node, topic),
             callback,
-            profile_of(spec, depth),
+            profile,
             raw=raw,
             event_callbacks=losses.events(topic),
         ),

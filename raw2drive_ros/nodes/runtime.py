@@ -63,7 +63,12 @@ def run_node(make: Callable[[], Any], args: list[str] | None = None) -> int:
         return 1
     drains = getattr(make, 'drains', False)
     stop = StopRequest() if drains else None
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if drains else None)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if drains else None)
+    except RuntimeError as error:
+        # Wrong --ros-args, or a keystore of SROS2 that is not there.
+        print(f'error: {" ".join(str(error).split())}', file=sys.stderr)
+        return 1
     try:
         node = make()
         node.stop = stop
@@ -77,7 +82,7 @@ def run_node(make: Callable[[], Any], args: list[str] | None = None) -> int:
         pass
     except (UserError, OSError, RuntimeError, ValueError) as error:
         if rclpy.ok():
-            print(f'error: {error}', file=sys.stderr)
+            print(f'error: {" ".join(str(error).split())}', file=sys.stderr)
             code = 1
     finally:
         # A second Ctrl-C must not interrupt the clean-up.

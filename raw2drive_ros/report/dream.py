@@ -142,6 +142,16 @@ def _note(found: Dream, name: str, codec: MaskCodec, deep: Tensor, reward: float
     found.cont.setdefault(name, []).append(cont)
 
 
+def overlaps(found: Dream, name: str) -> dict[float, float]:
+    """Seconds after the first imagined tick -> overlap (IoU of all classes together) of `name`'s masks with the true
+    ones; name: posterior or imagined."""
+    after: dict[float, float] = {}
+    for index in range(found.begins, len(found.masks['truth'])):
+        true, seen = found.masks['truth'][index] > 0.5, found.masks[name][index] > 0.5
+        after[round((index - found.begins) / DECISION_HZ, 1)] = float((true & seen).sum() / max((true | seen).sum(), 1))
+    return after
+
+
 def save_dream(target: Path, found: Dream, classes: list[str]) -> Path:
     """An MP4 at half speed, from `SHOWN_BEFORE_S` before the first imagined tick on. Raises OSError."""
     first = max(0, found.begins - round(SHOWN_BEFORE_S * DECISION_HZ))
@@ -155,7 +165,11 @@ def save_dream(target: Path, found: Dream, classes: list[str]) -> Path:
 def _picture(found: Dream, classes: list[str], first: int, index: int) -> Rgb:
     canvas = canvas_of(*SIZE)
     dreaming = index >= found.begins
-    titles = {'truth': 'truth', 'posterior': 'posterior', 'imagined': 'imagined' if dreaming else ''}
+    moment = (index - found.begins) / DECISION_HZ
+    titles = {'truth': 'truth', 'posterior': 'posterior', 'imagined': ''}
+    if dreaming:
+        agrees = {name: overlaps(found, name)[round(moment, 1)] for name in ('posterior', 'imagined')}
+        titles |= {name: f'{name}, overlap with truth {share:.2f}' for name, share in agrees.items()}
     for column, (name, title) in enumerate(titles.items()):
         left, top = GAP + column * (SIDE + GAP), GAP + 20
         text(canvas, title, (left, GAP + 8))
@@ -164,8 +178,8 @@ def _picture(found: Dream, classes: list[str], first: int, index: int) -> Rgb:
         put(canvas, colour_masks(found.masks[name][index], classes), left, top, SIDE, SIDE, smooth=False)
         colour = RED if name == 'imagined' else GREEN if name == 'posterior' else FRAME
         cv2.rectangle(canvas, (left, top), (left + SIDE - 1, top + SIDE - 1), colour, BORDER)
-    moment = (index - found.begins) / DECISION_HZ
     text(canvas, f'{moment:+.1f} s', (SIZE[0] - 70, GAP + 8), colour=RED if dreaming else GREEN)
+    text(canvas, f'speed x{RATE / DECISION_HZ:g}', (SIZE[0] - 100, SIZE[1] - 6))
     top = 2 * GAP + 24 + SIDE
     _curves(canvas, 'reward', found.reward, first, index, top)
     _curves(canvas, 'continue', found.cont, first, index, top + PLOT_PX + 2 * GAP, (0.0, 1.05))

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from msg_adapters.sensors import BASE_FRAME, IMU_FRAME, MAP_FRAME, optical_frame
-from raw2drive_ros.conformance.active import CHECKS, PROGRAMME, judge_trials
+from raw2drive_ros.conformance.active import CHECKS, judge_trials
 from raw2drive_ros.conformance.observation import Observation, TopicSeen, Trial
 from raw2drive_ros.conformance.passive import expected, judge
+from raw2drive_ros.conformance.programme import FOREIGN, PROGRAMME
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.public import CameraCalibration, Control, ImuSample, OdometrySample, Route
 from raw2drive_ros.simulation.camera_rig import camera_rig
@@ -70,6 +71,23 @@ def standing_imu(force, rate=(0.0, 0.0, 0.0)):
     return change
 
 
+def all_ages(age_s: float):
+    def change(seen: Observation) -> None:
+        for topic in seen.topics.values():
+            topic.ages_s = [age_s] * len(topic.ages_s)
+
+    return change
+
+
+def faster_imu(seen: Observation) -> None:
+    topic = seen.topics[topics.IMU]
+    topic.stamps_ns, topic.ages_s = [i * 10_000_000 for i in range(200)], [0.02] * 200
+
+
+def between_pictures(seen: Observation) -> None:
+    seen.topics[topics.ODOMETRY].stamps_ns = [i * 50_000_000 + 20_000_000 for i in range(-1, 40)]
+
+
 def turned(seen: Observation) -> None:
     camera, pose = RIG[0], RIG[0].base_from_camera.copy()
     pose[0, 3] += 0.1
@@ -93,8 +111,16 @@ def resized(seen: Observation) -> None:
         (changed(stamps_ns=[0]), f'{FRONT}: rate', '1 messages in 2 s'),
         (changed(stamps_ns=[i * 200_000_000 for i in range(20)]), f'{FRONT}: rate', '5.0 Hz'),
         (changed(stamps_ns=[0, 0, *range(10**8, 19 * 10**8, 10**8)]), f'{FRONT}: stamps', '1 of 20'),
-        (changed(ages_s=[1.5] * 20), f'{FRONT}: age', '1500 ms'),
-        (changed(ages_s=[-1.5] * 20), f'{FRONT}: age', '-1500 ms'),
+        (changed(stamps_ns=[i * 50_000_000 for i in range(20)]), f'{FRONT}: rate', '20.0 Hz, 2 times 10 Hz'),
+        (changed(stamps_ns=[i * 66_666_667 for i in range(20)]), f'{FRONT}: rate', '15.0 Hz'),
+        (changed(ages_s=[1.5] * 20), f'{FRONT}: age', '1500 ms at arrival: too old'),
+        (changed(ages_s=[-1.5] * 20), f'{FRONT}: age', '-1500 ms at arrival: in the future'),
+        (all_ages(1.5), 'clock: stamps', '1500 ms at arrival, 6 of 6 topics: too old'),
+        (all_ages(-1.5), 'clock: stamps', '-1500 ms at arrival, 6 of 6 topics: in the future'),
+        (lambda s: s.distortion.update(front=(-0.3, 0.1)), 'camera front: calibration', 'distortion, D = -0.3, 0.1'),
+        (faster_imu, f'{topics.IMU}: rate', '100.0 Hz'),
+        (between_pictures, f'{topics.ODOMETRY}: at the pictures', '0 %'),
+        (lambda s: setattr(s, 'wants_sim_time', True), 'clock: source', 'nobody publishes /clock'),
         (changed(stamps_ns=[5 + i * 10**8 for i in range(20)]), 'cameras: one stamp for all', '0 %'),
         (changed(frames={'lens'}), f'{FRONT}: frame', 'frame_id lens'),
         (lambda s: s.topics[topics.ROUTE].__setattr__('transient_local', False), f'{topics.ROUTE}: QoS', 'volatile'),
@@ -105,6 +131,7 @@ def resized(seen: Observation) -> None:
         (lambda s: s.images['front'].fill(7), 'camera front: picture', 'without contrast'),
         (standing_imu((0.0, 0.0, 1.0)), 'imu: units', '1.00 m/s2'),
         (standing_imu((0.0, 0.0, 0.0)), 'imu: units', '0.00 m/s2'),
+        (standing_imu((0.0, 0.0, 32.2)), 'imu: units', '32.20 m/s2'),
         (standing_imu((0.0, 9.81, 0.0)), 'imu: axes', '9.81'),
         (standing_imu((0.0, 0.0, 9.81), (0.0, 0.0, 2.0)), 'imu: at rest', '2.000 rad/s'),
         (lambda s: setattr(s, 'route', Route(0, np.full((2, 2), 500.0))), 'route: near the car', '705 m'),
@@ -117,6 +144,36 @@ def test_what_breaks_the_contract_is_named(change, check, text) -> None:
     found = wrong(seen)
     assert check in found
     assert text in found[check]
+
+
+def test_one_cause_is_one_finding() -> None:
+    """An IMU without gravity has no axes to be wrong, and late stamps of everything are one clock."""
+    for change, check in (
+        (standing_imu((0.0, 0.0, 0.0)), 'imu: units'),
+        (all_ages(1.5), 'clock: stamps'),
+        (lambda s: s.distortion.update(front=(-0.3,)), 'camera front: calibration'),
+    ):
+        seen = good()
+        change(seen)
+        assert list(wrong(seen)) == [check]
+
+
+def test_rates_that_the_planner_can_take_are_warnings_and_others_errors() -> None:
+    def severity(name: str, hz: float) -> str:
+        seen = good()
+        seen.topics[name].stamps_ns = [round(i * 1e9 / hz) for i in range(60)]
+        return next(v.severity for v in judge(seen, RIG) if v.check == f'{name}: rate')
+
+    assert [severity(FRONT, hz) for hz in (9.5, 10.5, 20.0, 30.0)] == ['passed', 'passed', 'warning', 'warning']
+    assert [severity(FRONT, hz) for hz in (5.0, 8.0, 15.0, 25.0, 33.0)] == ['error'] * 5
+    assert [severity(topics.IMU, hz) for hz in (15.0, 20.0, 50.0, 100.0)] == ['error', 'passed', 'warning', 'warning']
+
+
+def test_simulated_time_is_told() -> None:
+    seen = good()
+    seen.sim_time = seen.wants_sim_time = True
+    found = {v.check: v.severity for v in judge(seen, RIG)}
+    assert found['clock: source'] == 'passed'
 
 
 def test_an_empty_observation_gives_errors_and_no_crash() -> None:
@@ -142,11 +199,12 @@ GOING, STOPPING = np.linspace(0, 3, 25), np.linspace(4, 0, 25)
         ('silence stops', trial('', STOPPING), trial('', np.full(25, 4.0))),
         ('NaN is refused', trial('', STOPPING), trial('', np.full(25, 4.0))),
         ('absurd values are refused', trial('', STOPPING), trial('', GOING + 4)),
+        (FOREIGN, trial('', np.zeros(25)), trial('', GOING)),
     ],
 )
 def test_each_trial_has_a_right_and_a_wrong_answer(name, right, false) -> None:
     right.name = false.name = name
-    good_verdict, bad_verdict = judge_trials([right, false])
+    (good_verdict,), (bad_verdict,) = judge_trials([right]), judge_trials([false])
     assert (good_verdict.severity, good_verdict.remedy) == ('passed', '')
     assert bad_verdict.severity == 'error'
     assert bad_verdict.remedy
@@ -167,3 +225,10 @@ def test_every_named_step_is_judged_and_the_car_is_stopped_at_the_end() -> None:
     assert {step.name for step in PROGRAMME if step.name} == set(CHECKS)
     assert PROGRAMME[-1].control.brake > 0.0
     assert judge_trials([trial('steer left', [])])[0].text == 'no odometry during the trial'
+
+
+def test_of_two_trials_with_one_name_the_failed_one_counts() -> None:
+    obeys, refuses = trial(FOREIGN, GOING), trial(FOREIGN, np.zeros(25))
+    for pair in ([obeys, refuses], [refuses, obeys]):
+        assert [v.severity for v in judge_trials(pair)] == ['error']
+    assert [v.severity for v in judge_trials([refuses, refuses])] == ['passed']

@@ -1,7 +1,10 @@
 """Shared by the tests of the gate: both clocks, proposals, a gate that drives."""
 
+import math
+
 from raw2drive_ros.contracts.public import Control, Decision
-from raw2drive_ros.driving.gate import Gate, GateState, Moment
+from raw2drive_ros.driving.gate import Gate
+from raw2drive_ros.driving.gate_state import GateLimits, GateState, Moment
 
 WANTED = Control(0.5, 0.0, 0.2)
 
@@ -18,7 +21,9 @@ def proposal(seconds: float, control: Control = WANTED) -> Decision:
 
 
 def driving_gate(**options) -> Gate:
-    gate = Gate(**options)
+    """A gate that drives a car which stood a second ago; silent odometry stops it only where `limits` say so."""
+    gate = Gate(**{'limits': GateLimits(odometry_after_s=math.inf)} | options)
+    gate.observe(0.0, at(0.0), stamp_s=-1.0)
     gate.propose(proposal(0.0), at(0.0))
     assert gate.state is GateState.DRIVING
     return gate

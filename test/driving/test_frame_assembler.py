@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raw2drive_ros.contracts.public import ImuSample, OdometrySample
-from raw2drive_ros.driving.frame_assembler import PENDING_LIMIT, FrameAssembler
+from raw2drive_ros.driving.frame_assembler import MOTION_LIMIT, PENDING_LIMIT, FrameAssembler
 
 CAMERAS = ('front', 'back')
 IMAGE = np.zeros((2, 2, 3), np.uint8)
@@ -50,4 +50,4 @@ def test_memory_is_bounded() -> None:
         feed(assembler, 'front', stamp)
         feed(assembler, 'imu', stamp)
     assert len(assembler.images) <= PENDING_LIMIT
-    assert len(assembler.imus) <= 10 * PENDING_LIMIT
+    assert len(assembler.imus) <= MOTION_LIMIT

@@ -7,15 +7,19 @@ from gate_helpers import WANTED, at, drive, driving_gate, proposal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raw2drive_ros.contracts.public import Control
-from raw2drive_ros.driving.gate import Gate, GateLimits, GateState, Moment
+from raw2drive_ros.contracts.public import Control, VehicleStatus
+from raw2drive_ros.driving.gate import Gate
 from raw2drive_ros.driving.gate_limits import MotionLimits
+from raw2drive_ros.driving.gate_state import GateLimits, GateState, Moment
 
 
 def test_brakes_until_the_first_proposal() -> None:
     gate = Gate()
     assert gate.tick(at(5.0)) == Control(0.0, gate.limits.hold_brake, 0.0)
     assert gate.state is GateState.WAITING
+    assert gate.reason == 'no odometry yet'
+    gate.observe(0.0, at(5.1))
+    gate.tick(at(5.1))
     assert gate.reason == 'no proposal yet'
 
 
@@ -79,6 +83,7 @@ def test_a_wheel_that_swings_to_and_fro_stops() -> None:
 
 def test_a_wheel_held_at_full_lock_stops() -> None:
     gate = driving_gate()
+    gate.observe(3.0, at(0.1))
     drive(gate, 1.0 - 0.8, 51, Control(0.2, 0.0, -1.0))
     assert gate.state is GateState.DRIVING
     gate.propose(proposal(5.3, Control(0.2, 0.0, -1.0)), at(5.3))
@@ -104,16 +109,33 @@ def test_limits_are_counted_and_the_limited_command_is_held() -> None:
 
 def test_the_first_command_is_rate_limited_from_the_held_brake() -> None:
     gate = Gate(motion=MotionLimits(max_jerk_mps3=10.0, max_steer_rate_1ps=1.0))
-    answer = gate.propose(proposal(0.0, Control(1.0, 0.0, 1.0)), at(0.0))
+    gate.observe(0.0, at(0.0))
+    wanted = Control(1.0, 0.0, 1.0)
+    # No time has passed since the brake was held.
+    assert gate.propose(proposal(0.0, wanted), at(0.0)) == Control(0.0, gate.limits.hold_brake, 0.0)
+    answer = gate.propose(proposal(0.1, wanted), at(0.1))
     assert answer.throttle == 0.0
-    # The jerk and steering rate limits over one millisecond.
-    assert answer.brake == pytest.approx(gate.limits.hold_brake - 0.01 / 8.0)
-    assert answer.steer == pytest.approx(0.001)
+    assert answer.brake == pytest.approx(gate.limits.hold_brake - 1.0 / 8.0)
+    assert answer.steer == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize('rate_hz', [100.0, 10_000.0, 1e6])
+def test_frequent_proposals_do_not_exceed_the_limits_of_jerk_and_steering_rate(rate_hz) -> None:
+    limits = GateLimits(odometry_after_s=math.inf)
+    gate = driving_gate(limits=limits, motion=MotionLimits(max_jerk_mps3=10.0, max_steer_rate_1ps=1.0))
+    first = gate.last_control
+    for i in range(2001):
+        now_s = i / rate_hz
+        answer = gate.propose(proposal(now_s, Control(0.0, 1.0, 1.0)), at(now_s))
+    passed_s = 2000 / rate_hz
+    assert answer.steer <= min(1.0, first.steer + passed_s) + 1e-9
+    # Full brakes are 8 m/s2: a jerk of 10 m/s3 raises the pedal by 1.25 per second.
+    assert answer.brake <= min(1.0, first.brake + 1.25 * passed_s) + 1e-9
 
 
 def test_an_absurd_speed_stops_the_car() -> None:
     gate = driving_gate(motion=MotionLimits(max_speed_mps=10.0, max_lateral_mps2=3.0))
-    gate.observe(-1e200, at(0.1))
+    gate.vehicle(VehicleStatus(100_000_000, -1e200), at(0.1))
     gate.propose(proposal(0.1), at(0.1))
     gate.tick(at(0.1))
     assert gate.state is GateState.COMFORTABLE_STOP
@@ -129,8 +151,8 @@ def test_limits_use_the_measured_speed() -> None:
 
 def test_rates_are_measured_over_the_time_between_commands() -> None:
     gate = driving_gate(motion=MotionLimits(max_steer_rate_1ps=1.0))
-    assert gate.propose(proposal(0.1, Control(0.0, 0.0, 1.0)), at(0.1)).steer == pytest.approx(0.101)
-    assert gate.propose(proposal(0.3, Control(0.0, 0.0, 1.0)), at(0.3)).steer == pytest.approx(0.301)
+    assert gate.propose(proposal(0.1, Control(0.0, 0.0, 1.0)), at(0.1)).steer == pytest.approx(0.1)
+    assert gate.propose(proposal(0.3, Control(0.0, 0.0, 1.0)), at(0.3)).steer == pytest.approx(0.3)
 
 
 EVENTS = st.lists(
@@ -167,11 +189,11 @@ def test_whatever_happens_the_command_is_valid_and_silence_stops_the_car(events,
         elif kind == 'garbage':
             control = gate.refuse('garbage', now)
         elif kind == 'observe':
-            gate.observe(steer * 20.0, now)
+            gate.observe(steer * 20.0, now, stamp_s=10.0 * now_s)
         elif kind in ('crowd', 'calm'):
-            gate.publisher_counts(2 if kind == 'crowd' else 1, 1, now)
+            gate.publisher_counts({'proposals': 2 if kind == 'crowd' else 1}, now)
         elif kind == 'activate':
-            stopped = stopped and gate.activate() != ''
+            stopped = stopped and gate.activate(now) != ''
         control = control or gate.tick(now)
         control.validate()
         stopped = stopped or gate.state in (GateState.COMFORTABLE_STOP, GateState.EMERGENCY_STOP)

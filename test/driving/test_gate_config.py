@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from raw2drive_ros.contracts.errors import ConfigError
-from raw2drive_ros.driving.gate import GateLimits
 from raw2drive_ros.driving.gate_config import load_gate_config
 from raw2drive_ros.driving.gate_limits import MotionLimits
+from raw2drive_ros.driving.gate_state import GateLimits
 from raw2drive_ros.settings import params_folder
 from raw2drive_ros.simulation.ego import EgoParameters
 from raw2drive_ros.timing import load_timing

@@ -6,7 +6,8 @@ import pytest
 from gate_helpers import WANTED, at, drive, driving_gate, proposal
 
 from raw2drive_ros.contracts.public import Control
-from raw2drive_ros.driving.gate import Gate, GateState, Moment
+from raw2drive_ros.driving.gate import Gate
+from raw2drive_ros.driving.gate_state import GateLimits, GateState, Moment
 
 
 @pytest.mark.parametrize('steady', [True, False])
@@ -67,13 +68,10 @@ def test_in_lock_step_a_proposal_may_overtake_its_clock() -> None:
     assert gate.state is GateState.COMFORTABLE_STOP
 
 
-def test_a_slow_simulation_is_not_silence_but_a_clock_that_never_starts_is() -> None:
+def test_a_slow_simulation_is_not_silence() -> None:
     gate = driving_gate(steady=False)
     assert gate.tick(Moment(1010.0, 0.05)) == WANTED
-    gate.tick(Moment(1010.1, 0.05))
-    assert gate.state is GateState.EMERGENCY_STOP
-    assert gate.reason == 'no valid proposal for 10.1 s, and ROS time advanced by 0.05 s'
-    assert gate.counts == {'comfortable_stop': 1, 'emergency_stop': 1}
+    assert gate.tick(Moment(1060.0, 0.05)) == WANTED
 
 
 def test_a_paused_simulation_drives_on_afterwards() -> None:
@@ -87,17 +85,17 @@ def test_a_paused_simulation_drives_on_afterwards() -> None:
 def test_a_car_that_moves_on_while_ros_time_stands_is_stopped() -> None:
     gate = driving_gate(steady=False)
     for i in range(20):
-        gate.observe(3.0, Moment(1000.0 + 0.05 * i, 0.0))
+        gate.observe(0.0, Moment(1000.0 + 0.05 * i, 0.0), stamp_s=0.05 * i)
     gate.propose(proposal(0.0), Moment(1001.0, 0.0))
     for i in range(20):
-        gate.observe(3.0, Moment(1001.0 + 0.05 * i, 0.0))
+        gate.observe(3.0, Moment(1001.0 + 0.05 * i, 0.0), stamp_s=1.0 + 0.05 * i)
     assert gate.tick(Moment(1002.0, 0.0)) == WANTED
-    gate.observe(3.0, Moment(1002.0, 0.0))
+    gate.observe(3.0, Moment(1002.0, 0.0), stamp_s=2.0)
     gate.tick(Moment(1002.0, 0.0))
     assert gate.state is GateState.EMERGENCY_STOP
     assert gate.reason == 'no valid proposal while odometry came 21 times and ROS time stood still'
-    gate.observe(0.0, Moment(1002.0, 0.0))
-    assert gate.activate() == ''
+    gate.observe(0.0, Moment(1002.0, 0.0), stamp_s=3.0)
+    assert gate.activate(Moment(1002.0, 0.0)) == ''
     gate.propose(proposal(0.0), Moment(1003.0, 0.0))
     gate.tick(Moment(1003.0, 0.0))
     assert gate.state is GateState.DRIVING
@@ -122,13 +120,14 @@ def test_time_that_went_back_while_waiting_is_forgotten() -> None:
     gate = Gate()
     gate.tick(at(50.0))
     gate.tick(at(1.0))
+    gate.observe(0.0, at(1.0))
     gate.propose(proposal(1.0), at(1.0))
     gate.tick(at(1.05))
     assert gate.state is GateState.DRIVING
 
 
 def test_odometry_once_heard_must_go_on() -> None:
-    gate = driving_gate()
+    gate = driving_gate(limits=GateLimits())
     gate.observe(5.0, at(0.0))
     drive(gate, 0.1, 5)
     gate.tick(at(0.5))

@@ -4,7 +4,7 @@ import pytest
 from gate_helpers import WANTED, at, driving_gate, proposal
 
 from raw2drive_ros.contracts.public import Control
-from raw2drive_ros.driving.gate import GateState
+from raw2drive_ros.driving.gate_state import GateState
 
 
 def test_comfortable_stop_brakes_gently_and_keeps_the_wheel() -> None:
@@ -73,25 +73,26 @@ def test_a_stop_without_odometry_depends_on_time_alone() -> None:
 
 def test_two_publishers_stop_and_keep_the_gate_from_starting() -> None:
     gate = driving_gate()
-    gate.publisher_counts(1, 1, at(0.1))
+    gate.publisher_counts({'proposals': 1, 'commands': 1}, at(0.1))
     assert gate.state is GateState.DRIVING
-    gate.publisher_counts(2, 1, at(0.1))
+    gate.publisher_counts({'proposals': 2, 'commands': 1}, at(0.1))
     assert gate.state is GateState.EMERGENCY_STOP
     assert gate.reason == 'more than one publisher of proposals'
-    assert gate.activate() == 'more than one publisher of proposals'
-    gate.publisher_counts(1, 1, at(0.2))
-    assert gate.activate() == ''
-    gate.publisher_counts(2, 3, at(0.3))
+    assert gate.activate(at(0.2)) == 'more than one publisher of proposals'
+    gate.publisher_counts({'proposals': 1, 'commands': 1}, at(0.2))
+    assert gate.activate(at(0.2)) == ''
+    gate.publisher_counts({'proposals': 2, 'commands': 3}, at(0.3))
     assert gate.state is GateState.WAITING
     assert gate.propose(proposal(0.3), at(0.3)).throttle == 0.0
-    assert gate.activate() == 'more than one publisher of proposals and of commands'
+    assert gate.activate(at(0.3)) == 'more than one publisher of proposals and of commands'
+    assert gate.reason.endswith('one that has died counts until its lease ends (up to 20 s)')
 
 
 def test_stops_are_latched_until_re_activation() -> None:
     gate = driving_gate()
     gate.tick(at(0.4))
     assert gate.propose(proposal(0.45), at(0.45)).throttle == 0.0
-    assert gate.activate() == ''
+    assert gate.activate(at(0.46)) == ''
     assert gate.reason == 're-activated'
     assert gate.tick(at(0.46)).throttle == 0.0
     assert gate.propose(proposal(0.1), at(0.3)) == WANTED, 'a new start does not look at old stamps'
@@ -107,23 +108,23 @@ def test_a_moving_car_is_not_re_activated() -> None:
     gate = driving_gate()
     gate.observe(-0.4, at(0.1))
     gate.refuse('x', at(0.2))
-    assert gate.activate() == 'the car still drives at -0.4 m/s'
+    assert gate.activate(at(0.2)) == 'the car still drives at -0.4 m/s'
     gate.observe(0.3, at(0.3))
-    assert gate.activate() == ''
+    assert gate.activate(at(0.3)) == ''
     gate.propose(proposal(0.4), at(0.4))
     gate.observe(3.0, at(0.4))
-    assert gate.activate() == 'the car is driving already'
+    assert gate.activate(at(0.4)) == 'the car is driving already'
     assert gate.state is GateState.DRIVING
     assert gate.tick(at(0.5)) == gate.last_control, 'nothing changes for a car that drives'
 
 
-def test_re_activation_forgets_swings_lock_and_odometry() -> None:
+def test_re_activation_forgets_swings_and_lock() -> None:
     gate = driving_gate()
     gate.observe(0.0, at(0.0))
     for i in range(1, 11):
         gate.propose(proposal(i * 0.1, Control(0.0, 0.0, 1.0 if i % 2 else -1.0)), at(i * 0.1))
         gate.observe(0.0, at(i * 0.1))
-    assert gate.activate() == ''
+    assert gate.activate(at(1.0)) == ''
     lock = Control(0.0, 0.0, -1.0)
     gate.propose(proposal(1.1, lock), at(1.1))
     assert gate.tick(at(1.39)) == lock

@@ -45,13 +45,14 @@ EXPECTED = {
     'everything late': (COMFORTABLE, 0.4, 'newest is'),
     'planner silent': (COMFORTABLE, 0.4, 'no valid proposal for 400 ms'),
     'planner late': (COMFORTABLE, 0.4, 'no valid proposal for 400 ms'),
-    'planner nan': (EMERGENCY, 0.0, 'invalid proposal: Control: not finite'),
+    'planner nan': (EMERGENCY, 0.0, 'invalid proposal: named values: not finite: throttle'),
     'planner absurd': (EMERGENCY, 0.3, 'invalid proposal: Control.throttle'),
     'planner with old stamps': (COMFORTABLE, 0.4, 'old; do planner and gate have the same clock'),
     'planner swings': (COMFORTABLE, 1.2, 'steering swings to and fro'),
     'planner at full lock': (COMFORTABLE, 5.2, 'full lock for 5 s'),
     'gate silent': (VEHICLE, 0.4, 'the vehicle heard no command'),
-    'gate nan': (VEHICLE, 0.4, 'the vehicle heard no command'),
+    # The vehicle stops at once, and reports that to the gate.
+    'gate nan': (EMERGENCY, 0.0, 'was refused: named values: not finite: throttle'),
 }
 PLANS = load_plans('matrix')
 

@@ -19,6 +19,7 @@ from msg_adapters.stamps import stamp_ns
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import ConfigError, ContractError
 from raw2drive_ros.contracts.public import Control, Decision, ImuSample, OdometrySample
+from raw2drive_ros.driving.single_writer import Sender, SingleWriter
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import Fault, load_plans
 
@@ -138,8 +139,26 @@ def test_commands_swing_lock_and_break() -> None:
     assert steers == [1.0, -1.0, 1.0]
     locked = decision_from_message(one(injector(topics.PROPOSED, 'lock', amount=-0.7), topics.PROPOSED, command(5)))
     assert locked.control == Control(0.3, 0.0, -0.7)
-    broken = decision_from_message(one(injector(topics.PROPOSED, 'nan'), topics.PROPOSED, command(5)))
-    assert np.isnan(broken.control.throttle)
+    with pytest.raises(ContractError, match='not finite: throttle is nan, brake is nan'):
+        decision_from_message(one(injector(topics.PROPOSED, 'nan'), topics.PROPOSED, command(5)))
+
+
+@pytest.mark.parametrize('kind', ['swing', 'scale', 'stamp', 'freeze', 'duplicate'])
+def test_a_fault_of_a_sender_is_numbered_and_signed_by_it(kind) -> None:
+    sender, made = Sender(topics.PROPOSED, bytes(32)), Injector([Fault(topic=topics.PROPOSED, kind=kind, start_s=1.0)])
+    made.key = bytes(32)
+    writer, said = SingleWriter(topics.PROPOSED, bytes(32)), []
+    for second in range(4):
+        decision = Decision(second * 10**9, Control(0.3, 0.0, 0.1 * second), sequence=sender.next())
+        data = FACTORY.serialize(sender.sign(decision_to_message(FACTORY, decision)), 'sensor_msgs/msg/JointState')
+        for _, sent in made.take(topics.PROPOSED, 'sensor_msgs/msg/JointState', data, second * 10**9):
+            said.append(writer.check(FACTORY.deserialize(sent, 'sensor_msgs/msg/JointState')))
+    assert made.counts
+    if kind == 'duplicate':
+        assert [bool(why) for why in said] == [False, *[False, True] * 3]
+        assert said[-1] == 'sequence number 4 after 4: repeated, or out of order'
+    else:
+        assert said == [''] * 4
 
 
 @pytest.mark.parametrize(

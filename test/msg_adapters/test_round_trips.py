@@ -226,7 +226,7 @@ def test_rclpy_and_rosbags_read_each_others_bytes() -> None:
 def test_advice_outside_the_table_is_refused(action) -> None:
     factory = RosbagsFactory()
     assert privileged.advice_from_message(privileged.advice_to_message(factory, 5, 42)) == (42, 5)
-    with pytest.raises(ContractError, match='not in the table'):
+    with pytest.raises(ContractError, match=r'not in the table|not finite'):
         privileged.advice_from_message(privileged.advice_to_message(factory, action, 42))
 
 

@@ -1,4 +1,4 @@
-"""Sends a command adapter commands, nothing and NaN, and prints its output; run by test_command_adapter.py."""
+"""Sends a command adapter commands, silence, NaN, unsigned ones; prints its output; run by test_command_adapter.py."""
 
 import json
 import math
@@ -7,11 +7,13 @@ import time
 import rclpy
 from geometry_msgs.msg import TwistStamped
 
-from msg_adapters.commands import decision_to_message
+from msg_adapters.commands import ACTIVATION, decision_to_message
 from msg_adapters.factory import RclpyFactory
 from msg_adapters.sensors import odometry_to_message
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.public import Control, Decision, OdometrySample
+from raw2drive_ros.driving.single_writer import Sender
+from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.quality import make_publisher
 from raw2drive_ros.nodes.transport import configure_transport
 
@@ -24,10 +26,13 @@ heard: list[tuple[float, float]] = []
 node.create_subscription(
     TwistStamped, '/car/cmd_vel', lambda m: heard.append((m.twist.linear.x, m.twist.angular.z)), 10
 )
+gate = Sender(topics.COMMAND, load_key(node.context.get_domain_id()))
 sample = OdometrySample(1, 0.0, 0.0, 0.0, 8.0, 0.0)
 
 
-def phase(seconds: float, control: Control | None, *, moving: bool = True) -> list[tuple[float, float]]:
+def phase(
+    seconds: float, control: Control | None, *, moving: bool = True, activation: float = 0.0, sender: Sender = gate
+) -> list[tuple[float, float]]:
     """(speed, yaw rate) of the output in the second half of a phase."""
     begin = time.monotonic()
     while (spent := time.monotonic() - begin) < seconds:
@@ -36,7 +41,8 @@ def phase(seconds: float, control: Control | None, *, moving: bool = True) -> li
         if moving:
             odometry.publish(odometry_to_message(factory, sample))
         if control is not None:
-            commands.publish(decision_to_message(factory, Decision(1, control)))
+            decision = Decision(1, control, sequence=sender.next())
+            commands.publish(sender.sign(decision_to_message(factory, decision, {ACTIVATION: activation})))
         rclpy.spin_once(node, timeout_sec=0.05)
     return list(heard)
 
@@ -48,8 +54,11 @@ outputs = {
     'left': phase(1.0, Control(1.0, 0.0, 0.5)),
     'silence': phase(1.6, None),
     'nan': phase(1.6, Control(math.nan, 0.0, 0.0)),
-    'again': phase(1.0, Control(1.0, 0.0, 0.5)),
-    'no odometry': phase(2.0, Control(1.0, 0.0, 0.5), moving=False),
+    'still stopped': phase(1.0, Control(1.0, 0.0, 0.5)),
+    'activated': phase(1.0, Control(1.0, 0.0, 0.5), activation=1.0),
+    'a stranger': phase(1.0, Control(1.0, 0.0, 0.5), activation=2.0, sender=Sender(topics.COMMAND)),
+    'activated again': phase(1.0, Control(1.0, 0.0, 0.5), activation=2.0),
+    'no odometry': phase(2.0, Control(1.0, 0.0, 0.5), moving=False, activation=2.0),
 }
 print(json.dumps(outputs))
 node.destroy_node()

@@ -30,13 +30,23 @@ def test_commands_silence_nan_and_lost_odometry(tmp_path) -> None:
         'left': 10.5,
         'silence': 5.6,
         'nan': 5.6,
-        'again': 10.5,
+        'still stopped': 5.6,
+        'activated': 10.5,
+        'a stranger': 5.6,
+        'activated again': 10.5,
         'no odometry': 0,
     }.items():
         assert {round(message[0], 6) for message in outputs[phase]} == {speed}, phase
     assert all(yaw_rate > 0.5 for _, yaw_rate in outputs['left'])
-    assert 'command refused: Control: not finite' in log
-    for said in ('no command: braking', 'passing commands on', 'no odometry: asking for a standstill'):
+    assert 'was refused: named values: not finite: throttle is nan' in log
+    assert 'was refused: not signed; publishers: /adapter_probe; end the other publisher' in log
+    for said in (
+        'no command: braking',
+        'stopped: braking',
+        'the gate was activated',
+        'passing commands on',
+        'no odometry: asking for a standstill',
+    ):
         assert said in log
 
 

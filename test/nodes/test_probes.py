@@ -35,7 +35,7 @@ def test_wrong_requests_parameters_and_messages_end_no_node(bundle, tmp_path) ->
     assert (answers['shutdown'], answers['still listening']) == (True, 0), 'a shut down planner proposes nothing'
     assert "front refused: image encoding 'noise' is not supported" in logs['planner']
     assert 'imu refused' in logs['planner']
-    assert 'emergency_stop: invalid proposal: named values' in logs['safety_gate']
+    assert 'emergency_stop: invalid proposal: not signed' in logs['safety_gate']
     assert answers['gate'] is False, 'there are two publishers of proposals'
 
 
@@ -71,4 +71,7 @@ def test_a_mistyped_parameter_is_an_error_and_not_a_default(tmp_path) -> None:
             command, cwd=ROOT, env=child_environment(domain, tmp_path), capture_output=True, text=True, timeout=60
         )
     assert gate.returncode == 1
-    assert gate.stderr.strip() == 'error: no such parameter: confg; safety_gate knows clock, simulated, config'
+    assert (
+        gate.stderr.strip()
+        == 'error: no such parameter: confg; safety_gate knows clock, simulated, config, signed_proposals'
+    )

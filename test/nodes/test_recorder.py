@@ -41,7 +41,7 @@ while min(output.get_subscription_count() for output in outputs.values()) < 2:
 deadline = time.monotonic() + 3.0
 while time.monotonic() < deadline:
     now_ns = node.get_clock().now().nanoseconds
-    outputs[topics.ODOMETRY].publish(odometry_to_message(factory, OdometrySample(now_ns, 0, 0, 0, 1, 0)))
+    outputs[topics.ODOMETRY].publish(odometry_to_message(factory, OdometrySample(now_ns, 0, 0, 0, 0, 0)))
     outputs[topics.PROPOSED].publish(decision_to_message(factory, Decision(now_ns, Control(float('nan')))))
     rclpy.spin_once(node, timeout_sec=0.05)
 future = client.call_async(Trigger.Request())
