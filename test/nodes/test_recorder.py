@@ -8,11 +8,16 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
+from msg_adapters.commands import decision_from_message
+from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros.contracts import topics
+from raw2drive_ros.evaluation.verify import verify_bag
+from raw2drive_ros.graph.drive import GraphJob, drive_graph
 from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag, read_ticks
 from raw2drive_ros.recording.events import events_of
+from raw2drive_ros.simulation.route_id import RouteId
 
 ROOT = Path(__file__).resolve().parents[2]
 # Three seconds of odometry and of invalid proposals, then ~/save.
@@ -113,3 +118,19 @@ def test_a_recorder_beside_a_simulation_that_starts_again_writes_a_bag_of_each_d
             times = [(c.topic, m.log_time, m.publish_time) for _, c, m in make_reader(stream).iter_messages()]
         assert all(began_ns < received_ns < ended_ns for _, received_ns, _ in times)
         assert {stamp_ns for topic, _, stamp_ns in times if topic == topics.EGO} >= {t.stamp_ns for t in ticks}
+
+
+def test_a_live_bag_of_a_vehicle_in_real_time_verifies(bundle, tmp_path) -> None:
+    job = GraphJob(tmp_path, (RouteId('LaneFollowing', 4),), bundle, real_time=True, max_ticks=60)
+    with reserve_domain(None) as domain:
+        drive_graph(job, domain)
+    found = verify_bag(tmp_path / 'bag', bundle)
+    assert found.equal, found.text
+    assert found.compared > 20
+    assert (found.lost, found.not_compared) == (0, 0), found.text
+    numbers = []
+    with open_bag(tmp_path / 'bag') as reader:
+        connections = [c for c in reader.connections if c.topic == topics.PROPOSED]
+        for connection, _, data in reader.messages(connections=connections):
+            numbers.append(decision_from_message(RosbagsFactory().deserialize(data, connection.msgtype)).sequence)
+    assert numbers == list(range(1, len(numbers) + 1)), 'every proposal is there, and numbered'
