@@ -1,9 +1,12 @@
-"""Passes messages to the planner by topic; shared by ROS callbacks, bag replay and drives under faults."""
+"""Converts and checks messages by topic; shared by ROS callbacks, drives under faults and the reader of bags.
+
+Whoever receives the samples, a message gets the same verdict.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Collection
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,54 +21,92 @@ from msg_adapters.sensors import (
 from msg_adapters.stamps import stamp_ns
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import ContractError
-from raw2drive_ros.contracts.public import Decision
-from raw2drive_ros.driving.raw_planner import RawPlanner
+from raw2drive_ros.contracts.public import (
+    CameraCalibration,
+    Decision,
+    Image8,
+    ImuSample,
+    OdometrySample,
+    Route,
+    check_image,
+)
+from raw2drive_ros.contracts.verdicts import Verdicts
 
 Handler = Callable[[Any, int], Decision | None]
+
+
+class Receiver(Protocol):
+    """Takes the samples: `RawPlanner`, or a reader of bags. cameras: names. calibrations: the usable ones so far."""
+
+    cameras: tuple[str, ...]
+    calibrations: dict[str, CameraCalibration]
+
+    def add_route(self, route: Route) -> None: ...
+
+    def add_calibration(self, calibration: CameraCalibration) -> None: ...
+
+    def forget_calibration(self, camera: str) -> None: ...
+
+    def add_image(self, camera: str, stamp_ns: int, image: Image8, now_ns: int) -> Decision | None: ...
+
+    def add_imu(self, sample: ImuSample, now_ns: int) -> Decision | None: ...
+
+    def add_odometry(self, sample: OdometrySample, now_ns: int) -> Decision | None: ...
+
+    def refuse(self, name: str, why: str, now_ns: int) -> None: ...
 
 
 class PlannerInputs:
     """topics: to subscribe to, in the order in which queued messages should be handled (the route first).
 
-    on_refused: called with (input, reason) for every message that violates its contract.
+    compressed: whether images come on the compressed topics, or the cameras whose images do. on_refused: called with
+    (input, reason) for every message that violates its contract. verdicts: messages by topic.
     """
 
     def __init__(
         self,
-        planner: RawPlanner,
+        planner: Receiver,
         *,
-        compressed: bool = False,
+        compressed: bool | Collection[str] = False,
         on_refused: Callable[[str, str], None] = lambda name, why: None,
     ) -> None:
         self.planner, self.on_refused = planner, on_refused
         self.infos: dict[str, Any] = {}
         self.extrinsics: dict[str, Any] = {}
-        self.refused = 0
+        self.verdicts = Verdicts()
         self.handlers: dict[str, tuple[str, Handler]] = {topics.ROUTE: ('route', self._route)}
         for camera in planner.cameras:
             self.handlers[topics.extrinsics_topic(camera)] = camera, self._calibration(self.extrinsics, camera)
             self.handlers[topics.camera_info_topic(camera)] = camera, self._calibration(self.infos, camera)
         self.handlers[topics.IMU] = 'imu', lambda m, now: planner.add_imu(imu_from_message(m), now)
         self.handlers[topics.ODOMETRY] = 'odometry', lambda m, now: planner.add_odometry(odometry_from_message(m), now)
-        image_topic = topics.compressed_topic if compressed else topics.image_topic
-        convert = image_from_compressed_message if compressed else image_from_message
         for camera in planner.cameras:
+            packed = compressed if isinstance(compressed, bool) else camera in compressed
+            image_topic = topics.compressed_topic if packed else topics.image_topic
+            convert = image_from_compressed_message if packed else image_from_message
             self.handlers[image_topic(camera)] = camera, self._image(camera, convert)
 
     @property
     def topics(self) -> list[str]:
         return list(self.handlers)
 
+    @property
+    def refused(self) -> int:
+        """Messages that violated their contract, of all topics."""
+        return sum(self.verdicts.refused.values())
+
     def receive(self, topic: str, message: Any, now_ns: int) -> Decision | None:
         """Pass a message on; one that violates its contract is counted and reported, and not used."""
         name, handle = self.handlers[topic]
         try:
-            return handle(message, now_ns)
+            decision = handle(message, now_ns)
         except ContractError as error:
-            self.refused += 1
+            self.verdicts.refuse(topic, stamp_ns(message.header.stamp), str(error))
             self.planner.refuse(name, str(error), now_ns)
             self.on_refused(name, str(error))
             return None
+        self.verdicts.accept(topic)
+        return decision
 
     def _route(self, message: Any, now_ns: int) -> None:
         self.planner.add_route(route_from_message(message))
@@ -88,7 +129,7 @@ class PlannerInputs:
 
     def _image(self, camera: str, convert: Callable[[Any], Any]) -> Handler:
         def handle(message: Any, now_ns: int) -> Decision | None:
-            image = convert(message)
+            image = check_image(convert(message), self.planner.calibrations.get(camera))
             return self.planner.add_image(camera, stamp_ns(message.header.stamp), image, now_ns)
 
         return handle

@@ -13,7 +13,8 @@ from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.contracts.public import Control, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.raw_driver import RawDriver
-from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag
+from raw2drive_ros.recording.ticks import read_ticks
 
 FIELDS = ('throttle', 'brake', 'steer', 'reverse')
 

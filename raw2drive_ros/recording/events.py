@@ -36,9 +36,9 @@ def events_of(path: Path) -> list[Event]:
         begins_ns, begun_ns = begin_ns(reader), -1
         wanted = [c for c in reader.connections if c.topic in (topics.DIAGNOSTICS, topics.TRANSITION)]
         for connection, stamp_ns, data in messages_in(reader, connections=wanted) if wanted else ():
-            message = decoded(factory, reader, connection, data)
             time_s = (stamp_ns - begins_ns) * 1e-9
             try:
+                message = decoded(factory, reader, connection, data)
                 if connection.topic == topics.TRANSITION:
                     step, episode = transition_from_message(message)
                     # A first tick that the bridge resent is not a second beginning.
@@ -47,8 +47,9 @@ def events_of(path: Path) -> list[Event]:
                         found.append(Event(time_s, 'bridge', 'ok', f'{episode} begins'))
                     continue
                 statuses = diagnostics_from_message(message)
-            except ContractError as error:
-                raise BagError(f'{path}: {connection.topic}: {error}') from error
+            except (ContractError, BagError) as error:
+                found.append(Event(time_s, 'bag', 'warning', f'{connection.topic} refused: {error}'))
+                continue
             for name, level, text, _ in statuses:
                 said = level, FIGURES.sub('', text)
                 if last.get(name) != said:
