@@ -13,11 +13,12 @@ from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagError, ContractError
 from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
-from raw2drive_ros.driving.raw_driver import FORGET_AFTER_S, RawDriver
+from raw2drive_ros.driving.continuity import follows
+from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.recording.bag_info import provenance_of
-from raw2drive_ros.recording.bag_reader import BagTick, decoded, messages_in, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag
 from raw2drive_ros.recording.line_reader import AnyReader, time_lines
-from raw2drive_ros.tables.rates import DECISION_NS
+from raw2drive_ros.recording.ticks import BagTick, read_ticks
 
 FIELDS = ('throttle', 'brake', 'steer', 'reverse')
 # Ticks without a recorded decision that are kept: if the decisions are found to be lost, their belief has to advance.
@@ -189,10 +190,11 @@ class _Follower:
         if self.decided is None:
             return certain and (recorded.first in (None, 1) or self.afresh)
         if certain:
-            gap_s = (tick.stamp_ns - self.decided.stamp_ns) * 1e-9
-            return tick.route.stamp_ns != self.decided.route.stamp_ns or gap_s > FORGET_AFTER_S
-        follows = self.before is not None and tick.stamp_ns - self.before.stamp_ns <= 1.5 * DECISION_NS
-        return follows and self.before is not None and tick.route.stamp_ns != self.before.route.stamp_ns
+            new_route = tick.route.stamp_ns != self.decided.route.stamp_ns
+            return new_route or not follows(self.decided.stamp_ns, tick.stamp_ns)
+        before = self.before
+        continues = before is not None and follows(before.stamp_ns, tick.stamp_ns)
+        return continues and before is not None and tick.route.stamp_ns != before.route.stamp_ns
 
     def _drive(self, tick: BagTick) -> Decision:
         return self.driver.drive(SensorFrame(tick.stamp_ns, tick.images, tick.imu, tick.odometry), tick.route)

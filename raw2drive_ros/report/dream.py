@@ -16,7 +16,8 @@ from torch import Tensor
 
 from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.contracts.errors import BagError
-from raw2drive_ros.recording.bag_reader import BagTick, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag
+from raw2drive_ros.recording.ticks import BagTick, read_ticks
 from raw2drive_ros.report.panels import FRAME, Rgb, canvas_of, mp4, put, text
 from raw2drive_ros.tables.bev_colours import colour_masks
 from raw2drive_ros.tables.rates import DECISION_HZ
@@ -46,7 +47,7 @@ class Dream:
 
 
 def ticks_around(bag: Path, at_s: float, seconds: float) -> tuple[list[BagTick], int]:
-    """(ticks of the episode that is running `at_s` after the bag's first tick, index of that moment among them).
+    """(ticks of the sequence that is running `at_s` after the bag's first tick, index of that moment among them).
 
     From `WARM_UP_S` before it to `seconds` after it. Raises BagError when no episode continues after that moment.
     """
@@ -57,10 +58,9 @@ def ticks_around(bag: Path, at_s: float, seconds: float) -> tuple[list[BagTick],
         for tick in read_ticks(reader, bag, cameras=False):
             first_ns = tick.stamp_ns if first_ns is None else first_ns
             after_s = (tick.stamp_ns - first_ns) * 1e-9
-            assert tick.transition is not None
-            if tick.transition.is_first and after_s <= at_s:
+            if tick.starts_segment and after_s <= at_s:
                 found.clear()
-            if after_s > at_s + seconds or (tick.transition.is_first and after_s > at_s):
+            if after_s > at_s + seconds or (tick.starts_segment and after_s > at_s):
                 break
             if begins < 0 and after_s >= at_s:
                 begins = len(found)

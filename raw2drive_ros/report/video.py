@@ -12,7 +12,8 @@ from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.public import Control, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.raw_driver import RawDriver
-from raw2drive_ros.recording.bag_reader import BagTick, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag
+from raw2drive_ros.recording.ticks import BagTick, read_ticks
 from raw2drive_ros.report.panels import Rgb, canvas_of, mp4, plot_controls, put, put_mosaic, text
 from raw2drive_ros.tables.bev_colours import colour_masks
 from raw2drive_ros.tables.rates import DECISION_HZ

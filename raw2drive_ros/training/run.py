@@ -21,7 +21,7 @@ from raw2drive_ros.contracts.errors import CheckpointError, UsageError
 from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.training.checkpoint import Trainer, load_checkpoint, save_checkpoint
 from raw2drive_ros.training.config import RunConfig, make_config, overridden, read_run_config
-from raw2drive_ros.training.dataset import BagArrays, load_bags, rig_of
+from raw2drive_ros.training.dataset import BagArrays, data_line, load_bags, rig_of
 from raw2drive_ros.training.interrupts import noted_interrupts
 from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.parallel import ALONE, Ranks
@@ -132,6 +132,8 @@ def train(
     length = t.raw_length if raw else t.length
     replay = Replay(bags, MaskCodec(config.model), length, t.terminal_share, t.seed)
     window: dict[str, Any] = {}
+    if ranks.leads:
+        print(data_line(bags, replay.short, length), file=sys.stderr)
     with folder.alone() if ranks.leads else nullcontext():
         if resumed is not None:
             state = load_checkpoint(resumed, trainer, replay)
