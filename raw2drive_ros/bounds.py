@@ -22,8 +22,8 @@ MIB = 2**20
 MAX_YAML_BYTES = MIB
 MAX_YAML_NODES = 50_000
 MAX_YAML_DEPTH = 40
-# JSON: a policy bundle's manifest has 10 KB; the list of a thousand bags would add 100 KB. A byte of JSON takes up to 25
-# bytes of memory.
+# JSON: a policy bundle's manifest has 10 KB; the list of a thousand bags would add 100 KB. A byte of JSON takes up to
+# 25 bytes of memory.
 MAX_JSON_BYTES = 8 * MIB
 # safetensors: 120 bytes per tensor; preset `paper` has 500 tensors, with its optimisers 1500.
 MAX_HEADER_BYTES = 4 * MIB
@@ -35,8 +35,8 @@ MAX_CHECKPOINT_BYTES = 4096 * MIB
 # diagnostic report has more than 100 KB.
 MAX_MESSAGE_BYTES = 64 * MIB
 MAX_STRUCTURED_BYTES = MIB
-# MCAP: recorders close a chunk after 1 to 16 MB, or after the message that exceeds this. Chunks overlapping in time have
-# to be open together.
+# MCAP: recorders close a chunk after 1 to 16 MB, or after the message that exceeds this. Chunks that overlap
+# in time have to be open together.
 MAX_CHUNK_BYTES = 2 * MAX_MESSAGE_BYTES
 MAX_OPEN_BYTES = 3 * MAX_CHUNK_BYTES
 # The smallest messages of a vehicle, with their record, have 40 bytes.

@@ -11,6 +11,15 @@ from types import FrameType
 from raw2drive_ros.contracts.errors import UserError
 
 
+def shown(text: object) -> str:
+    """A text for the terminal in which control characters, also those that turn or hide text, are written as escapes.
+
+    Names and texts from bags, messages and files may hold anything; printed raw, they could move the cursor, colour or
+    clear the screen, or add lines that look like ours.
+    """
+    return ''.join(c if c.isprintable() else c.encode('unicode_escape').decode() for c in str(text))
+
+
 class Terminated(BaseException):
     """SIGTERM, or SIGHUP from a terminal that is closed: unwinds like Ctrl-C, so that everything is closed."""
 
@@ -42,7 +51,7 @@ def guarded(run: Callable[[argparse.Namespace], int], options: argparse.Namespac
     except BrokenPipeError:
         return 0
     except Exception as error:
-        if not isinstance(error, UserError | OSError):
+        if not isinstance(error, UserError | OSError | MemoryError):
             raise
-        print(f'error: {error}', file=sys.stderr)
+        print(f'error: {shown(error) or "not enough memory"}', file=sys.stderr)
         return error.exit_code if isinstance(error, UserError) else 1

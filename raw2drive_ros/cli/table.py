@@ -60,8 +60,10 @@ def print_events(events: Sequence[Event]) -> None:
     from rich.console import Console
     from rich.text import Text
 
+    from raw2drive_ros.cli.guard import shown
+
     colours = {'ok': 'green', 'warning': 'yellow', 'error': 'red', 'stale': 'red'}
     console = Console()
     for event in events:
         line = Text(f'{event.time_s:8.1f} s  ').append(f'{event.level:8}', colours[event.level])
-        console.print(line.append(f'{event.node:15} {event.text}'), soft_wrap=True)
+        console.print(line.append(f'{shown(event.node):15} {shown(event.text)}'), soft_wrap=True)

@@ -10,6 +10,7 @@ from msg_adapters.factory import RosbagsFactory
 from msg_adapters.stamps import stamp_ns
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagError
+from raw2drive_ros.recording.bag_checks import metadata_against_storage
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag, read_calibrations, read_ticks
 
@@ -37,6 +38,7 @@ def examine(path: Path) -> list[Complaint]:
         return [Complaint('error', str(error), f'raw2drive bag recover {path} --out NEW')]
     rows = {row['topic']: row for row in info['topics']}
     found = [*_missing(rows), *_rates(rows), *_ticks(path, rows)]
+    found += [Complaint('warning', text, 'raw2drive bag recover') for text in metadata_against_storage(path)]
     if not info['provenance']:
         found.append(Complaint('note', 'no provenance: who recorded it, with what?', 'record with raw2drive record'))
     foreign = sorted(set(rows) - set(topics.BY_NAME))

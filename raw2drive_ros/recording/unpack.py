@@ -44,8 +44,11 @@ class ChunkHead(NamedTuple):
     data_bytes: int
 
 
-def chunk_head(content: bytes) -> ChunkHead:
-    """The head of a chunk record. Raises ValueError where its lengths contradict one another."""
+def chunk_head(content: bytes, length: int | None = None) -> ChunkHead:
+    """The head of a chunk record of `length` bytes, of which `content` is the beginning, or all by default.
+
+    Raises ValueError where its lengths contradict one another.
+    """
     if len(content) < _CHUNK_HEAD.size + 8:
         raise ValueError('a chunk that is too short for its head')
     start_ns, end_ns, unpacked_bytes, crc, name_bytes = _CHUNK_HEAD.unpack_from(content)
@@ -54,7 +57,7 @@ def chunk_head(content: bytes) -> ChunkHead:
     if name not in (b'', b'zstd', b'lz4') or len(content) < name_end + 8:
         raise ValueError(f'a chunk of unknown compression {name[:16]!r}')
     (data_bytes,) = _LENGTH.unpack_from(content, name_end)
-    if name_end + 8 + data_bytes != len(content):
+    if name_end + 8 + data_bytes != (len(content) if length is None else length):
         raise ValueError('a chunk whose length contradicts that of its record')
     return ChunkHead(start_ns, end_ns, unpacked_bytes, crc, name.decode(), name_end + 8, data_bytes)
 
