@@ -249,17 +249,7 @@ class BoundedMcap(McapReader):
         that a chunk is unpacked when its time has come."""
         yield chunk.message_start_time, 0, 0, 0, b''
         at = chunk.chunk_start_offset
-        self.bio.seek(at)
-        opcode, size = RECORD.unpack(self._exact(RECORD.size))
-        if opcode != CHUNK or RECORD.size + size != chunk.chunk_length:
-            raise ValueError(f'its index names a chunk at byte {at}, where there is none')
-        content = self._exact(size)
-        head = chunk_head(content)
-        if head.unpacked_bytes != chunk.uncompressed_size:
-            raise ValueError(f'its index contradicts the chunk at byte {at}')
-        allowance.spend(head.unpacked_bytes)
-        plain = unpacked_chunk(content, head)
-        del content
+        plain = self.unpacked(chunk, allowance)
         found: list[tuple[int, int, int, int]] = []
         for opcode, begin, end in records_of(plain):
             if opcode != MESSAGE:
@@ -275,6 +265,20 @@ class BoundedMcap(McapReader):
         found.sort(key=itemgetter(0))
         for number, (stamp_ns, begin, end, channel) in enumerate(found):
             yield stamp_ns, at or 1, number, channel, _message(plain[begin:end])
+
+    def unpacked(self, chunk: ChunkInfo, allowance: Allowance) -> bytes:
+        """The records of a chunk. Raises ValueError where the index contradicts it, or it exceeds a limit."""
+        at = chunk.chunk_start_offset
+        self.bio.seek(at)
+        opcode, size = RECORD.unpack(self._exact(RECORD.size))
+        if opcode != CHUNK or RECORD.size + size != chunk.chunk_length:
+            raise ValueError(f'its index names a chunk at byte {at}, where there is none')
+        content = self._exact(size)
+        head = chunk_head(content)
+        if head.unpacked_bytes != chunk.uncompressed_size:
+            raise ValueError(f'its index contradicts the chunk at byte {at}')
+        allowance.spend(head.unpacked_bytes)
+        return unpacked_chunk(content, head)
 
     def _loose(self, wanted: Collection[int], limits: tuple[int, int]) -> Iterator[tuple[int, int, int, int, bytes]]:
         """As `_of_chunk`, of a file without chunks. Raises ValueError where stamps go back."""

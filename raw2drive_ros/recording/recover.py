@@ -31,9 +31,9 @@ STORAGE_FILES = ('*.mcap', '*.mcap.zstd', '*.db3', '*.db3.zstd')
 @dataclass(slots=True)
 class Recovery:
     """bag: what was made. counts: messages per topic in it. damaged: chunks that could not be read. breaks: places
-    where the boundaries of records were lost. skipped_bytes: that are no whole records. truncated: a file ends in the middle,
-    as after a kill. account: topics and messages that were left out. lost_s: seconds that are missing per topic.
-    lost_messages: of damaged chunks, per topic, where their index has survived."""
+    where the boundaries of records were lost. skipped_bytes: that are no whole records. truncated: a file ends in the
+    middle, as after a kill. account: topics and messages that were left out. lost_s: seconds that are missing, per
+    topic. lost_messages: of damaged chunks, per topic, where their index has survived."""
 
     bag: Path
     counts: dict[str, int] = field(default_factory=dict)
