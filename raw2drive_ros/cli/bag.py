@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros.cli.guard import shown
 from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.texts import shown
 
 EXAMPLES = """examples:
   raw2drive bag info runs/demo/bag

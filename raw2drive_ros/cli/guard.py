@@ -9,15 +9,7 @@ from collections.abc import Callable
 from types import FrameType
 
 from raw2drive_ros.contracts.errors import UserError
-
-
-def shown(text: object) -> str:
-    """A text for the terminal in which control characters, also those that turn or hide text, are written as escapes.
-
-    Names and texts from bags, messages and files may hold anything; printed raw, they could move the cursor, colour or
-    clear the screen, or add lines that look like ours.
-    """
-    return ''.join(c if c.isprintable() else c.encode('unicode_escape').decode() for c in str(text))
+from raw2drive_ros.contracts.texts import shown
 
 
 class Terminated(BaseException):

@@ -60,7 +60,7 @@ def print_events(events: Sequence[Event]) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from raw2drive_ros.cli.guard import shown
+    from raw2drive_ros.contracts.texts import shown
 
     colours = {'ok': 'green', 'warning': 'yellow', 'error': 'red', 'stale': 'red'}
     console = Console()

@@ -21,6 +21,7 @@ from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.training.checkpoint import Trainer, load_checkpoint, save_checkpoint
 from raw2drive_ros.training.config import RunConfig, make_config, overridden, read_run_config
 from raw2drive_ros.training.dataset import BagArrays, load_bags, rig_of
+from raw2drive_ros.training.left_out import say_left_out
 from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.pictures import overlap_by_class, save_pictures
@@ -63,7 +64,7 @@ class RunFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         body = {'config': config.model_dump(mode='json')} | metadata
         # Written atomically, because no checkpoint can be resumed without it.
-        write_whole(self.path / CONFIG, json.dumps(body, indent=2))
+        write_whole(self.path / CONFIG, json.dumps(body, indent=2), durable=True)
 
     def log(self, step: int, metrics: dict[str, float]) -> None:
         with (self.path / 'metrics.jsonl').open('a') as file:
@@ -129,6 +130,7 @@ def train(
     trainer = _make_trainer(stage, config, bags, teacher_run, steps, ranks)
     t = config.train
     length = t.raw_length if raw else t.length
+    say_left_out(bag_roots, bags, length, ranks)
     replay = Replay(bags, MaskCodec(config.model), length, t.terminal_share, t.seed)
     with folder.alone() if ranks.leads else nullcontext():
         if resumed is not None:
