@@ -25,6 +25,8 @@ MAX_YAML_DEPTH = 40
 # JSON: a policy bundle's manifest has 10 KB; the list of a thousand bags would add 100 KB. A byte of JSON takes up to
 # 25 bytes of memory.
 MAX_JSON_BYTES = 8 * MIB
+# A row of results has 2 KB, a suite up to 1000 routes; an hour of soak has 1000 samples of 1 KB.
+MAX_RESULTS_BYTES = 64 * MIB
 # safetensors: 120 bytes per tensor; preset `paper` has 500 tensors, with its optimisers 1500.
 MAX_HEADER_BYTES = 4 * MIB
 # Weights of preset `paper` have 360 MB as float16; a checkpoint of it, float32 with two moments, 2.2 GB.
