@@ -51,7 +51,7 @@ def compressed_image_to_message(
 
 
 def image_from_compressed_message(message: Any) -> Image8:
-    """(H, W, 3) uint8 RGB. Raises ContractError for bytes that are no JPEG or PNG, or that unpack to too many pixels."""
+    """(H, W, 3) uint8 RGB. Raises ContractError for bytes that are no JPEG or PNG, or of too many pixels."""
     packed = np.frombuffer(message.data, np.uint8)
     height, width = _size(packed[:MAX_HEAD_BYTES].tobytes())
     if height * width > MAX_PIXELS:

@@ -25,7 +25,6 @@ from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, Statistics
 
 from raw2drive_ros.bounds import (
     MAX_CHUNK_BYTES,
-    MAX_CHUNK_MESSAGES,
     MAX_INDEX_BYTES,
     MAX_MESSAGE_BYTES,
     MAX_OPEN_BYTES,
@@ -195,14 +194,16 @@ class BoundedMcap(McapReader):
         plain = unpacked_chunk(content, head)
         counts: Counter[int] = Counter()
         first_ns, last_ns = 2**63 - 1, 0
+        number = 0
         for opcode, begin, end in records_of(plain):
+            number += 1
             if opcode == MESSAGE:
                 channel, _, stamp_ns, _ = MESSAGE_HEAD.unpack_from(plain, begin)
                 counts[channel] += 1
                 first_ns, last_ns = min(first_ns, stamp_ns), max(last_ns, stamp_ns)
             elif opcode in (SCHEMA, CHANNEL):
                 self._add(opcode, plain[begin:end])
-        allowance.spend(0, counts.total())
+        allowance.spend(0, number)
         length, packed = RECORD.size + size, len(content) - head.data_at
         return ChunkInfo(
             first_ns, last_ns, at, length, {}, 0, head.compression, packed, head.unpacked_bytes, dict(counts)
@@ -251,7 +252,9 @@ class BoundedMcap(McapReader):
         at = chunk.chunk_start_offset
         plain = self.unpacked(chunk, allowance)
         found: list[tuple[int, int, int, int]] = []
+        count = 0
         for opcode, begin, end in records_of(plain):
+            count += 1
             if opcode != MESSAGE:
                 continue
             channel, _, stamp_ns, _ = MESSAGE_HEAD.unpack_from(plain, begin)
@@ -259,9 +262,7 @@ class BoundedMcap(McapReader):
                 raise ValueError(f'a message in the chunk at byte {at} lies outside the times of its index')
             if channel in wanted and limits[0] <= stamp_ns < limits[1]:
                 found.append((stamp_ns, begin + MESSAGE_HEAD.size, end, channel))
-                if len(found) > MAX_CHUNK_MESSAGES:
-                    raise TooLargeError(f'more than {MAX_CHUNK_MESSAGES} messages in one chunk')
-        allowance.spend(0, len(found))
+        allowance.spend(0, count)
         found.sort(key=itemgetter(0))
         for number, (stamp_ns, begin, end, channel) in enumerate(found):
             yield stamp_ns, at or 1, number, channel, _message(plain[begin:end])

@@ -133,6 +133,7 @@ class Salvage:
     def _walk(self, source: Source, at: int) -> Generator[Found | Gap, None, bool]:
         """Returns whether the walk came to where the data section says that it ends."""
         while at < source.size:
+            self._allowance.spend(0, 1)
             opcode, length = _head(source, at)
             end = at + RECORD.size + length
             if self._is_record(source, at, opcode, length, prove=False):

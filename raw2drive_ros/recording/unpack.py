@@ -11,7 +11,15 @@ from zlib import crc32
 
 import lz4.frame
 
-from raw2drive_ros.bounds import MAX_CHUNK_BYTES, MAX_MESSAGE_BYTES, MIB, Allowance, BoundedFile, TooLargeError
+from raw2drive_ros.bounds import (
+    MAX_CHUNK_BYTES,
+    MAX_CHUNK_MESSAGES,
+    MAX_MESSAGE_BYTES,
+    MIB,
+    Allowance,
+    BoundedFile,
+    TooLargeError,
+)
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -114,8 +122,11 @@ def _unpacked(kind: Any, packed: bytes, most: int) -> bytes:
 
 def records_of(plain: bytes) -> Iterator[tuple[int, int, int]]:
     """(opcode, begin, end of its content) of every record in the bytes of a chunk. Raises ValueError."""
-    at, size = 0, len(plain)
+    at, size, count = 0, len(plain), 0
     while at < size:
+        count += 1
+        if count > MAX_CHUNK_MESSAGES:
+            raise TooLargeError(f'more than {MAX_CHUNK_MESSAGES} messages in one chunk')
         if size - at < RECORD.size:
             raise ValueError('a record that is cut off')
         opcode, length = RECORD.unpack_from(plain, at)
