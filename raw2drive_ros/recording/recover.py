@@ -31,14 +31,16 @@ STORAGE_FILES = ('*.mcap', '*.mcap.zstd', '*.db3', '*.db3.zstd')
 @dataclass(slots=True)
 class Recovery:
     """bag: what was made. counts: messages per topic in it. damaged: chunks that could not be read. breaks: places
-    where the boundaries of records were lost. skipped_bytes: that are no whole records. truncated: a file ends in the
-    middle, as after a kill. account: topics and messages that were left out. lost_s: seconds that are missing, per
-    topic. lost_messages: of damaged chunks, per topic, where their index has survived."""
+    where the boundaries of records were lost. strange: records of unknown kinds. skipped_bytes: that are no whole
+    records. truncated: a file ends in the middle, as after a kill. account: topics and messages that were left out.
+    lost_s: seconds that are missing, per topic. lost_messages: of damaged chunks, per topic, where their index has
+    survived."""
 
     bag: Path
     counts: dict[str, int] = field(default_factory=dict)
     damaged: int = 0
     breaks: int = 0
+    strange: int = 0
     skipped_bytes: int = 0
     truncated: bool = False
     account: Account = field(default_factory=Account)
@@ -57,6 +59,8 @@ class Recovery:
             found.append(f'{self.damaged} damaged chunks left out')
         if self.breaks:
             found.append(f'{self.breaks} places where records could not be told apart; reading went on behind them')
+        if self.strange:
+            found.append(f'{self.strange} records of unknown kinds left out')
         if self.skipped_bytes:
             found.append(f'{self.skipped_bytes} bytes are no whole records')
         if self.truncated:
@@ -199,6 +203,7 @@ def _copy_mcap(file: Path, into: _Target, found: Recovery) -> None:
         into.write(channel.topic, item.stamp_ns, item.data, schema.name, definition)
     found.damaged += salvage.damaged
     found.breaks += salvage.breaks
+    found.strange += salvage.strange
     found.skipped_bytes += salvage.skipped_bytes
     found.truncated |= salvage.truncated
     for number, count in salvage.lost.items():

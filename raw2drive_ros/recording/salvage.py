@@ -40,10 +40,14 @@ from raw2drive_ros.recording.unpack import (
     unpacked_chunk,
 )
 
+# Header, attachments, metadata: they hold no messages.
+EXPECTED = (1, 9, 12)
+# Private records of this project.
+OURS = b'raw2drive'
 HEADER, HIGHEST_OPCODE, PRIVATE_OPCODES = 1, DATA_END, 128
 MAX_RECORD_BYTES = MAX_CHUNK_BYTES + MIB
-# Opcode and a length below 2 ** 32 of a record of the data section.
-_CANDIDATE = re.compile(rb'[\x03-\x07\x0f].{4}\x00{4}', re.DOTALL)
+# Opcode and a length below 2 ** 32 of a record of the data section. Looking ahead: candidates overlap.
+_CANDIDATE = re.compile(rb'(?=[\x03-\x07\x0f].{4}\x00{4})', re.DOTALL)
 # A search that looks at so many places in vain has met something other than a recording.
 MAX_CANDIDATES = 300_000
 # Enough of a record to judge it by: the head of a chunk, the name of a topic or type.
@@ -99,7 +103,8 @@ class _Bytes:
 class Salvage:
     """damaged: chunks that could not be unpacked. breaks: places where the boundaries of records were lost and found
     again, or lost for good, with `skipped_bytes` between. truncated: the file ends before its data does, as after a
-    kill. lost: messages of damaged chunks by channel, where their index has survived."""
+    kill. strange: records of kinds that no recorder writes there. lost: messages of damaged chunks by channel, where
+    their index has survived."""
 
     source: Source
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -108,10 +113,14 @@ class Salvage:
     breaks: int = 0
     skipped_bytes: int = 0
     truncated: bool = False
+    strange: int = 0
     lost: Counter[int] = field(default_factory=Counter)
     _candidates: int = 0
-    # The chunk before the next index records could not be read.
-    _hurt: bool = False
+    # The last chunk was read, so that the index records behind it tell nothing new; otherwise: whether its loss has
+    # been noted, and the messages that were found of it nevertheless.
+    _covered: bool = False
+    _noted: bool = False
+    _loose: Counter[int] = field(default_factory=Counter)
     _allowance: Allowance = field(init=False)
 
     def __post_init__(self) -> None:
@@ -136,49 +145,80 @@ class Salvage:
             self._allowance.spend(0, 1)
             opcode, length = _head(source, at)
             end = at + RECORD.size + length
-            if self._is_record(source, at, opcode, length, prove=False):
+            following: int | None = None
+            sound = self._is_record(source, at, opcode, length, prove=False)
+            if not sound or not _is_head(source, end):
+                following = self._next_record(source, at + 1)
+                # What is broken is this record's length where another one begins inside it, else the next record.
+                sound = sound and (following is None or following >= end)
+            if sound:
                 if opcode in (DATA_END, FOOTER):
                     return True
-                yield from self._content(opcode, source.at(at + RECORD.size, length))
+                yield from self._content(opcode, source.at(at + RECORD.size, length), nested=source is not self.source)
                 at = end
                 continue
-            found = self._next_record(source, at + 1)
-            self._hurt = opcode == CHUNK
-            self.skipped_bytes += (source.size if found is None else found) - at
+            if opcode == CHUNK:
+                self._lose()
+            self._noted = True
+            self.skipped_bytes += (source.size if following is None else following) - at
             yield Gap()
-            if found is None:
+            if following is None:
                 # The end of a file that its recorder did not finish, or of a chunk, has no next record.
                 self.breaks += source is not self.source
                 return False
             self.breaks += 1
-            at = found
+            at = following
         return False
 
     # -- content of records -----------------------------------------------------------------------
 
-    def _content(self, opcode: int, content: bytes) -> Iterator[Found | Gap]:
+    def _content(self, opcode: int, content: bytes, *, nested: bool) -> Iterator[Found | Gap]:
         if opcode == CHUNK:
-            self._hurt = False
             yield from self._of_chunk(content)
         elif opcode == MESSAGE:
-            self._hurt = False
             channel, _, stamp_ns, _ = MESSAGE_HEAD.unpack_from(content)
+            self._covered = nested
+            self._loose[channel] += not nested
             yield Found(channel, stamp_ns, content[MESSAGE_HEAD.size :])
         elif opcode in (SCHEMA, CHANNEL):
             self._define(opcode, content)
-        elif opcode == MESSAGE_INDEX and self._hurt:
-            channel, size = _INDEX_HEAD.unpack_from(content)
-            self.lost[channel] += size // 16
+        elif opcode == MESSAGE_INDEX:
+            yield from self._of_index(content)
+        elif opcode not in EXPECTED and not content.startswith(OURS):
+            self._lose()
+            self.strange += 1
+            self._noted = True
+            yield Gap()
+
+    def _of_index(self, content: bytes) -> Iterator[Gap]:
+        """Of a chunk that was not read, perhaps because its head is that of another record now."""
+        channel, size = _INDEX_HEAD.unpack_from(content)
+        missing = max(0, size // 16 - self._loose.pop(channel, 0))
+        if self._covered or not missing:
+            return
+        self.lost[channel] += missing
+        if not self._noted:
+            self._noted = True
+            self.damaged += 1
+            yield Gap()
+
+    def _lose(self) -> None:
+        """What follows is the index of a chunk that was not read."""
+        self._covered = self._noted = False
+        self._loose.clear()
 
     def _of_chunk(self, content: bytes) -> Iterator[Found | Gap]:
         head = chunk_head(content)
         plain = self._unpacked(content, head)
+        self._lose()
         if plain is None:
-            self._hurt = True
             self.damaged += 1
+            self._noted = True
             yield Gap(head.end_ns)
             return
+        self._covered = True
         yield from self._walk(_Bytes(plain), 0)
+        self._covered = True
 
     def _unpacked(self, content: bytes, head: ChunkHead) -> bytes | None:
         """The bytes of a chunk, or None where it is damaged. Raises TooLargeError as `records`."""
@@ -220,11 +260,12 @@ class Salvage:
     def _next_record(self, source: Source, at: int) -> int | None:
         """Where the next record stands that proves itself, at or after `at`."""
         while at < source.size:
-            for match in _CANDIDATE.finditer(source.at(at, MIB + RECORD.size)):
+            window = source.at(at, MIB + RECORD.size)
+            for match in _CANDIDATE.finditer(window):
                 self._candidates += 1
                 if self._candidates > MAX_CANDIDATES:
                     return None
-                opcode, length = RECORD.unpack(match.group())
+                opcode, length = RECORD.unpack_from(window, match.start())
                 if self._is_record(source, at + match.start(), opcode, length, prove=True):
                     return at + match.start()
             at += MIB
@@ -240,13 +281,12 @@ class Salvage:
             return source is self.source and self._is_chunk(source, begin, length, prove=prove)
         if opcode == FOOTER:
             return length == FOOTER_CONTENT_BYTES and end + len(MAGIC) == source.size
-        if not _is_head(source, end):
+        if prove and not _is_head(source, end):
             return False
         try:
             peek = source.at(begin, min(length, PEEK_BYTES))
             if opcode == MESSAGE:
-                channel = MESSAGE_HEAD.unpack_from(peek)[0]
-                return not prove or channel in self.channels
+                return MESSAGE_HEAD.unpack_from(peek)[0] in self.channels or not prove
             if opcode == MESSAGE_INDEX:
                 return bool(_INDEX_HEAD.unpack_from(peek)[1] == length - _INDEX_HEAD.size)
             if opcode in (SCHEMA, CHANNEL):
