@@ -186,13 +186,13 @@ def tensor_shapes(path: Path, most: int) -> dict[str, tuple[int, ...]]:
             raise TooLargeError(f'a header of {length} bytes in a file of {file.size}')
         try:
             header = json.loads(file.read(length))
-            shapes = {
-                name: tuple(int(side) for side in entry['shape'])
-                for name, entry in header.items()
-                if name != '__metadata__'
-            }
-        except (RecursionError, TypeError, KeyError, AttributeError, OverflowError) as error:
+            entries = {name: entry for name, entry in header.items() if name != '__metadata__'}
+            shapes = {name: tuple(int(side) for side in entry['shape']) for name, entry in entries.items()}
+            end = max((int(entry['data_offsets'][1]) for entry in entries.values()), default=0)
+        except (RecursionError, TypeError, KeyError, IndexError, AttributeError, OverflowError) as error:
             raise ValueError(f'not the header of a safetensors file: {error!r}') from error
+        if 8 + length + end != file.size:
+            raise ValueError(f'{file.size} bytes, where its header describes {8 + length + end}')
     return shapes
 
 

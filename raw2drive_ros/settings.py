@@ -35,7 +35,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
         raise ConfigError(f'cannot read {path}: {error.strerror}') from error
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         # Bytes that are not text, impossible dates, unhashable keys, brackets nested or aliases multiplied too far.
-        raise ConfigError(f'{path} is not valid YAML: {error}') from error
+        raise ConfigError(f'{path} is not valid YAML: {" ".join(str(error).split())}') from error
     if not isinstance(loaded, dict):
         raise ConfigError(f'{path}: expected a mapping')
     return loaded
