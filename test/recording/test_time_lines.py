@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from recording_helpers import FACTORY, messages_of, raw_message, restamped
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -95,6 +97,20 @@ def test_commands_latched_messages_and_stamps_that_tell_no_time_begin_nothing() 
     odd = [(n, s if n == topics.IMU else s - 4 * S) for n, s in stream(*ticks_from(7.0), names=names)]
     untimed = [(topics.IMU, 0), (topics.IMU, -5 * S), (FRONT, -1)] * 5
     assert max(numbered(messages + odd + untimed)) == 0
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from((topics.CLOCK, topics.IMU, topics.ODOMETRY, FRONT, topics.ROUTE, topics.PROPOSED)),
+            st.integers(-2 * S, 20 * S),
+        ),
+        max_size=200,
+    )
+)
+def test_whatever_the_stamps_are_every_message_comes_out_once_and_lines_only_go_on(messages) -> None:
+    # `numbered` asserts it.
+    assert len(numbered(messages)) == len(messages)
 
 
 # -- recording --------------------------------------------------------------------------------------
