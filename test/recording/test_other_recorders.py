@@ -16,8 +16,9 @@ from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.evaluation.verify import recorded_proposals
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import messages_in, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import messages_in, open_bag
 from raw2drive_ros.recording.recover import recover
+from raw2drive_ros.recording.ticks import read_ticks
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.dataset import load_bag
 
