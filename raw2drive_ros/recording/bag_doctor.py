@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -107,8 +108,7 @@ def _ticks(path: Path, rows: dict[str, dict]) -> list[Complaint]:
     found += _losses(counts)
     if cameras and calibrated < len({name.split('/')[3] for name in cameras}):
         found.append(Complaint('warning', 'not every camera has its calibration', 'record camera_info and extrinsics'))
-    found += _out_of_order(path)
-    return found
+    return [*found, *_out_of_order(path)]
 
 
 def _losses(counts: TickCounts) -> list[Complaint]:
@@ -143,7 +143,8 @@ def _losses(counts: TickCounts) -> list[Complaint]:
 def _out_of_order(path: Path) -> list[Complaint]:
     last: dict[str, int] = {}
     backwards: dict[str, int] = {}
-    with open_bag(path) as reader:
+    # What cannot be read as a whole is complained of elsewhere.
+    with suppress(BagError), open_bag(path) as reader:
         messages = checked_messages(reader, RosbagsFactory(), {topics.IMU, topics.ODOMETRY}, Verdicts())
         for topic, _, message in messages:
             stamp = stamp_ns(message.header.stamp)

@@ -16,17 +16,21 @@ from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any, ClassVar
+from zlib import crc32
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapWriter
 
-from raw2drive_ros.bounds import MAX_INDEX_BYTES, Allowance
+from raw2drive_ros.bounds import MAX_INDEX_BYTES, Allowance, BoundedFile
 from raw2drive_ros.recording.bounded_mcap import BoundedMcap, message_of
 from raw2drive_ros.recording.unpack import records_of
 
-STAMPS, MESSAGE, MESSAGE_INDEX, DATA_END, TAG = 0x80, 0x05, 0x07, 0x0F, b'raw2drive stamps'
-MAX_SKIPPED = 2**32
+STAMPS, MESSAGE, MESSAGE_INDEX, TAG = 0x80, 0x05, 0x07, b'raw2drive stamps'
+# A file of this kind says so after every megabyte.
+WINDOW_BYTES, WINDOWS = 2**20, 64
+# Of a chunk record: opcode, length, two times and the size stand before its checksum.
+_CHECKSUM_AT = 33
 # Given as `start`: messages in the order in which they were written, with their log_time.
 ARRIVAL = -1
 _RANGE = struct.Struct('<QQ')
@@ -65,7 +69,13 @@ class StampedMcapWriter(McapWriter):
             self.close_chunk()
 
     def close_chunk(self) -> None:
+        at, checksum = self.bio.tell(), crc32(self.chunk.bio.getbuffer())
         super().close_chunk()
+        # rosbags writes 0, none: then a chunk whose packed bytes are damaged may unpack to other values unnoticed.
+        end = self.bio.tell()
+        self.bio.seek(at + _CHECKSUM_AT)
+        self.bio.write(checksum.to_bytes(4, 'little'))
+        self.bio.seek(end)
         if self.stamped:
             said = TAG + _RANGE.pack(*self._range)
             self.bio.write(_RECORD.pack(STAMPS, len(said)) + said)
@@ -182,15 +192,19 @@ class StampedMcapReader(BoundedMcap):
 
 
 def holds_stamps(file: Path) -> bool:
-    """Whether an MCAP file, finished or not, is of this kind: its publish_time is the stamp. Damage makes it False."""
-    with file.open('rb') as stream:
-        # After the magic: records up to the private one after the first chunk and its index.
-        stream.seek(8)
-        while len(head := stream.read(_RECORD.size)) == _RECORD.size:
-            kind, length = _RECORD.unpack(head)
-            if kind == STAMPS and length == len(TAG) + _RANGE.size and stream.read(len(TAG)) == TAG:
+    """Whether an MCAP file, finished, cut off or damaged, is of this kind: its publish_time is the stamp.
+
+    The private record of any chunk says so; it is looked for by its bytes, because the boundaries of records may be
+    lost. Raises OSError for what is no regular file.
+    """
+    wanted = _RECORD.pack(STAMPS, len(TAG) + _RANGE.size) + TAG
+    with BoundedFile(file, WINDOW_BYTES) as stream:
+        kept = b''
+        for _ in range(WINDOWS):
+            window = stream.read(WINDOW_BYTES)
+            if wanted in kept + window:
                 return True
-            if kind == DATA_END or length > MAX_SKIPPED:
+            if not window:
                 return False
-            stream.seek(length, 1)
+            kept = window[-len(wanted) :]
     return False
