@@ -48,6 +48,8 @@ setup(
         'rosbags>=0.11,<0.12',
         'safetensors>=0.5',
         'setuptools',
+        # Shell completion; pure Python, without dependencies, imported by `raw2drive completion` only.
+        'shtab>=1.7,<2',
         'tensorboardX>=2.6',
         'torch>=2.4',
     ],
@@ -82,15 +84,16 @@ setup(
     entry_points={
         'console_scripts': [
             'raw2drive = raw2drive_ros.cli.main:main',
-            'bridge = raw2drive_ros.nodes.bridge:main',
-            'planner = raw2drive_ros.nodes.planner:main',
-            'safety_gate = raw2drive_ros.nodes.safety_gate:main',
-            'recorder = raw2drive_ros.nodes.recorder:main',
-            'carla_bridge = raw2drive_ros.nodes.carla_bridge:main',
-            'command_adapter = raw2drive_ros.nodes.command_adapter:main',
-            'fault_injector = raw2drive_ros.nodes.fault_injector:main',
-            'vehicle_probe = raw2drive_ros.nodes.vehicle_probe:main',
-            'player = raw2drive_ros.nodes.player:main',
+            # With the prefix, because pip puts them on PATH, where `bridge` or `player` may be somebody else's.
+            'raw2drive_bridge = raw2drive_ros.nodes.bridge:main',
+            'raw2drive_planner = raw2drive_ros.nodes.planner:main',
+            'raw2drive_safety_gate = raw2drive_ros.nodes.safety_gate:main',
+            'raw2drive_recorder = raw2drive_ros.nodes.recorder:main',
+            'raw2drive_carla_bridge = raw2drive_ros.nodes.carla_bridge:main',
+            'raw2drive_command_adapter = raw2drive_ros.nodes.command_adapter:main',
+            'raw2drive_fault_injector = raw2drive_ros.nodes.fault_injector:main',
+            'raw2drive_vehicle_probe = raw2drive_ros.nodes.vehicle_probe:main',
+            'raw2drive_player = raw2drive_ros.nodes.player:main',
         ],
     },
 )

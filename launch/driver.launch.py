@@ -13,10 +13,10 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from raw2drive_ros.cli.graph_options import NETWORK_VARIABLE, namespace
+from raw2drive_ros.cli.graph_options import namespace as with_slash
 from raw2drive_ros.contracts.errors import UsageError
-from raw2drive_ros.contracts.topics import SHARED
 from raw2drive_ros.graph.driver_nodes import DriverOptions, driver_nodes, is_simulated
+from raw2drive_ros.graph.processes import SHARED
 
 
 def is_true(name: str, value: str) -> bool:
@@ -43,18 +43,21 @@ def nodes(context: object) -> list:
         monitor=Path(value('monitor')) if value('monitor') else None,
     )
     simulated = {'use_sim_time': is_simulated(options)}
-    domain = [SetEnvironmentVariable('ROS_DOMAIN_ID', value('domain'))] if value('domain') else []
-    network = [SetEnvironmentVariable(NETWORK_VARIABLE, '1')] if is_true('network', value('network')) else []
-    space = namespace(value('namespace'))
-    own = {'namespace': space, 'remappings': [(name, space + name) for name in SHARED]} if space else {}
-    return (
-        domain
-        + network
-        + [
-            Node(package='raw2drive_ros', executable=name, name=name, parameters=[parameters | simulated], **own)
-            for name, parameters in driver_nodes(options).items()
-        ]
-    )
+    namespace = with_slash(value('namespace'))
+    place = {'namespace': namespace, 'remappings': [(t, namespace + t) for t in SHARED]} if namespace else {}
+    # The nodes choose their DDS profile by this variable.
+    open_network = '1' if is_true('network', value('network')) else ''
+    variables = {'ROS_DOMAIN_ID': value('domain'), 'RAW2DRIVE_NETWORK': open_network}
+    return [SetEnvironmentVariable(name, text) for name, text in variables.items() if text] + [
+        Node(
+            package='raw2drive_ros',
+            executable=f'raw2drive_{name}',
+            name=name,
+            parameters=[parameters | simulated],
+            **place,
+        )
+        for name, parameters in driver_nodes(options).items()
+    ]
 
 
 def argument(name: str, default: str, description: str, *choices: str) -> DeclareLaunchArgument:
@@ -75,10 +78,9 @@ def generate_launch_description() -> LaunchDescription:
             argument('camera_skew', '0.0', 'pictures whose stamps differ by no more are one frame (s)'),
             argument('gate', '', 'file like params/gate.yaml: limits and stops of your car'),
             argument('monitor', '', 'file like params/monitor.yaml: what counts as a bad sensor'),
-            argument('namespace', '', 'of nodes and topics, as /car1'),
-            argument('network', 'false', 'let other machines take part', 'true', 'false'),
             argument('domain', '', 'ROS domain (default: that of the environment)'),
-            SetEnvironmentVariable('FASTRTPS_DEFAULT_PROFILES_FILE', str(share / 'params' / 'fastdds.xml')),
+            argument('namespace', '', 'of nodes and topics, as /car1: several cars in one domain'),
+            argument('network', 'false', 'let other machines take part (default: this machine only)', 'true', 'false'),
             OpaqueFunction(function=nodes),
         ]
     )

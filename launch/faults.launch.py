@@ -27,7 +27,13 @@ def nodes(context: object) -> list[Node]:
 
     def node(name: str, parameters: dict, heard: tuple[str, ...] = ()) -> Node:
         remappings = list(remapping(faults, heard).items())
-        return Node(package='raw2drive_ros', executable=name, name=name, parameters=[parameters], remappings=remappings)
+        return Node(
+            package='raw2drive_ros',
+            executable=f'raw2drive_{name}',
+            name=name,
+            parameters=[parameters],
+            remappings=remappings,
+        )
 
     return [
         node('fault_injector', simulated | {'plans': plans, 'plan': plan}),

@@ -35,7 +35,7 @@ def generate_launch_description() -> LaunchDescription:
             SetEnvironmentVariable('FASTRTPS_DEFAULT_PROFILES_FILE', str(share / 'params' / 'fastdds.xml')),
             Node(
                 package='raw2drive_ros',
-                executable='bridge',
+                executable='raw2drive_bridge',
                 name='bridge',
                 parameters=[
                     {name: value(name) for name in ('scenario', 'seed', 'weather', 'lock_step')},
@@ -43,19 +43,19 @@ def generate_launch_description() -> LaunchDescription:
             ),
             Node(
                 package='raw2drive_ros',
-                executable='safety_gate',
+                executable='raw2drive_safety_gate',
                 name='safety_gate',
                 parameters=[simulated | {'clock': value('gate_clock'), 'simulated': True}],
             ),
             Node(
                 package='raw2drive_ros',
-                executable='planner',
+                executable='raw2drive_planner',
                 name='planner',
                 parameters=[simulated | {'bundle': value('bundle')}],
             ),
             Node(
                 package='raw2drive_ros',
-                executable='recorder',
+                executable='raw2drive_recorder',
                 name='recorder',
                 condition=IfCondition(value('record')),
                 parameters=[simulated | {'bag': value('bag')}],

@@ -9,12 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters.factory import MessageFactory, fill_bytes
-from msg_adapters.named_values import named_values_from_message, named_values_to_message
+from msg_adapters.named_values import flag, named_values_from_message, named_values_to_message
 from msg_adapters.sensors import BASE_FRAME
 from msg_adapters.stamps import set_stamp, stamp_ns
-from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.contracts.errors import ContractError
-from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
+from raw2drive_ros.contracts.privileged import (
+    BEV_SHAPE,
+    PrivilegedFrame,
+    Transition,
+    check_advice,
+    check_bev,
+    check_ego,
+)
 from raw2drive_ros.tables.vector_layout import EGO_FIELDS
 
 _FORMAT = re.compile(r'bev_bits; shape=(\d+)x(\d+)x(\d+); packing=channel_major_msb_first')
@@ -35,16 +41,18 @@ def bev_to_message(factory: MessageFactory, bev: NDArray[np.bool_], time_ns: int
 
 
 def bev_from_message(message: Any) -> NDArray[np.bool_]:
-    """(C, H, W) bool. Raises ContractError for another format or a wrong size."""
+    """(C, H, W) bool. Raises ContractError for another format, shape or size."""
     matched = _FORMAT.fullmatch(message.format)
     if not matched:
         raise ContractError(f'BEV masks: unknown format {message.format!r}')
     channels, height, width = (int(n) for n in matched.groups())
+    if (channels, height, width) != BEV_SHAPE:
+        raise ContractError(f'BEV masks: {channels}x{height}x{width}, not {"x".join(map(str, BEV_SHAPE))}')
     packed = np.frombuffer(message.data, np.uint8)
     if packed.size != channels * ((height * width + 7) // 8):
         raise ContractError(f'BEV masks: {packed.size} bytes for {channels}x{height}x{width}')
     bits = np.unpackbits(packed.reshape(channels, -1), axis=1, count=height * width)
-    return bits.view(np.bool_).reshape(channels, height, width)
+    return check_bev(bits.view(np.bool_).reshape(channels, height, width))
 
 
 def ego_to_message(factory: MessageFactory, frame: PrivilegedFrame) -> Any:
@@ -53,14 +61,18 @@ def ego_to_message(factory: MessageFactory, frame: PrivilegedFrame) -> Any:
     return named_values_to_message(factory, values, frame.stamp_ns, BASE_FRAME)
 
 
+def ego_from_message(message: Any) -> NDArray[np.float32]:
+    """(5,) in the order of `EGO_FIELDS`. Raises ContractError where a field is missing or out of range."""
+    values = named_values_from_message(message, *EGO_FIELDS)
+    return check_ego(np.array([values[name] for name in EGO_FIELDS], np.float32))
+
+
 def privileged_from_messages(bev: Any, ego: Any) -> PrivilegedFrame:
-    """Raises ContractError when the stamps differ or anything is missing."""
+    """Raises ContractError when the stamps differ or anything is missing or out of range."""
     time_ns = stamp_ns(bev.header.stamp)
     if stamp_ns(ego.header.stamp) != time_ns:
         raise ContractError('privileged frame: BEV and ego vector have different stamps')
-    values = named_values_from_message(ego, *EGO_FIELDS)
-    vector = np.array([values[name] for name in EGO_FIELDS], np.float32)
-    return PrivilegedFrame(time_ns, bev_from_message(bev), vector).validate()
+    return PrivilegedFrame(time_ns, bev_from_message(bev), ego_from_message(ego))
 
 
 def advice_to_message(factory: MessageFactory, action: int, time_ns: int) -> Any:
@@ -71,9 +83,7 @@ def advice_to_message(factory: MessageFactory, action: int, time_ns: int) -> Any
 def advice_from_message(message: Any) -> tuple[int, int]:
     """(stamp in ns, action). Raises ContractError where the field is missing or no action of the table."""
     action = named_values_from_message(message, 'action')['action']
-    if not 0 <= action < ACTION_COUNT:
-        raise ContractError(f'advice: action {action} is not in the table of {ACTION_COUNT}')
-    return stamp_ns(message.header.stamp), int(action)
+    return stamp_ns(message.header.stamp), check_advice(action)
 
 
 def transition_to_message(factory: MessageFactory, transition: Transition, episode: str) -> Any:
@@ -90,18 +100,19 @@ def transition_to_message(factory: MessageFactory, transition: Transition, episo
 
 
 def transition_from_message(message: Any) -> tuple[Transition, str]:
-    """(transition, 'scenario/seed'). Raises ContractError where a field is missing."""
+    """(transition, 'scenario/seed'). Raises ContractError where a field is missing or out of range."""
     values = named_values_from_message(message, 'action', 'reward', 'is_first', 'is_terminal', 'is_last')
     terms = {name.removeprefix(_TERM_PREFIX): value for name, value in values.items() if name.startswith(_TERM_PREFIX)}
-    return (
-        Transition(
-            stamp_ns(message.header.stamp),
-            int(values['action']),
-            values['reward'],
-            terms,
-            values['is_first'] > 0.5,
-            values['is_terminal'] > 0.5,
-            values['is_last'] > 0.5,
-        ),
-        str(message.header.frame_id),
+    action = values['action']
+    if action != int(action):
+        raise ContractError(f'transition: action is {action:g}, not a whole number')
+    transition = Transition(
+        stamp_ns(message.header.stamp),
+        int(action),
+        values['reward'],
+        terms,
+        flag(values, 'is_first'),
+        flag(values, 'is_terminal'),
+        flag(values, 'is_last'),
     )
+    return transition.validate(), str(message.header.frame_id)

@@ -10,6 +10,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from raw2drive_ros.contracts.errors import ConfigError
+from raw2drive_ros.contracts.near_names import did_you_mean, unknown_name
 
 
 class Strict(BaseModel):
@@ -50,19 +51,23 @@ def load_strict(kind: type[Model], path: Path) -> Model:
     except (ValidationError, TypeError) as error:
         if isinstance(error, TypeError):
             raise ConfigError(f'{path}: keys must be words') from error
-        raise ConfigError(f'{path}: {problems(error)}') from error
+        raise ConfigError(f'{path}: {problems(error, kind)}') from error
 
 
-def problems(error: ValidationError) -> str:
-    """All validation errors on one line, unknown keys first: a misspelt key is often why another one is missing."""
+def problems(error: ValidationError, kind: type[BaseModel] | None = None) -> str:
+    """All validation errors on one line, unknown keys first: a misspelt key is often why another one is missing.
+
+    kind: the model that was read; with it, an unknown key comes with the keys that it may have been meant to be.
+    """
     found = [(each['type'], '.'.join(str(part) for part in each['loc']), each['msg']) for each in error.errors()]
-    unknown = [where for kind, where, _ in found if kind == 'extra_forbidden']
-    missing = [where for kind, where, _ in found if kind == 'missing']
-    said = [f'{", ".join(unknown)}: no such key'] if unknown else []
+    unknown = [where for sort, where, _ in found if sort == 'extra_forbidden']
+    missing = [where for sort, where, _ in found if sort == 'missing']
+    near = did_you_mean(unknown[0].rpartition('.')[2], _keys_beside(unknown[0], kind)) if unknown else ''
+    said = [f'{", ".join(unknown)}: no such key{near}'] if unknown else []
     others = [
         (where, text.removeprefix('Value error, '))
-        for kind, where, text in found
-        if kind not in ('extra_forbidden', 'missing')
+        for sort, where, text in found
+        if sort not in ('extra_forbidden', 'missing')
     ]
     said += [f'{where}: {text}' if where else text for where, text in others]
     if missing:
@@ -70,14 +75,24 @@ def problems(error: ValidationError) -> str:
     return '; '.join(said)
 
 
+def _keys_beside(where: str, kind: type[BaseModel] | None) -> list[str]:
+    """The keys that may stand where `where`, as in `motion.max_speed`, stands in a file that is read as `kind`."""
+    for part in where.split('.')[:-1]:
+        inner = kind.model_fields[part].annotation if kind is not None and part in kind.model_fields else None
+        kind = inner if isinstance(inner, type) and issubclass(inner, BaseModel) else None
+    return list(kind.model_fields) if kind is not None else []
+
+
 def load_preset(name: str) -> dict[str, Any]:
     """The mapping of `params/presets/<name>.yaml`."""
-    folder = params_folder() / 'presets'
-    path = folder / f'{name}.yaml'
-    if not path.is_file():
-        known = ', '.join(sorted(p.stem for p in folder.glob('*.yaml')))
-        raise ConfigError(f'unknown preset {name!r}; known: {known}')
-    return load_yaml(path)
+    if name not in preset_names():
+        raise ConfigError(unknown_name('preset', name, preset_names()))
+    return load_yaml(params_folder() / 'presets' / f'{name}.yaml')
+
+
+def preset_names() -> list[str]:
+    """Names of the shipped presets."""
+    return sorted(path.stem for path in (params_folder() / 'presets').glob('*.yaml'))
 
 
 def default_bundle() -> Path:

@@ -1,6 +1,7 @@
 """Launch files need `launch_ros`, which is not on PyPI: here they run against recording stand-ins."""
 
 import argparse
+import re
 import runpy
 import sys
 import types
@@ -68,11 +69,12 @@ def stand_ins(monkeypatch, given: dict[str, str]) -> list[dict]:
 @pytest.mark.parametrize('file', sorted((ROOT / 'launch').glob('*.launch.py')), ids=lambda p: p.name)
 def test_launch_file_starts_executables_and_parameters_that_exist(file, nodes) -> None:
     runpy.run_path(str(file))['generate_launch_description']()
-    assert {node['executable'] for node in nodes} >= {'planner', 'safety_gate'}
+    assert {node['executable'] for node in nodes} >= {'raw2drive_planner', 'raw2drive_safety_gate'}
     setup = (ROOT / 'setup.py').read_text()
     for node in nodes:
-        assert f"'{node['executable']} = raw2drive_ros.nodes.{node['executable']}:main'" in setup
-        source = (ROOT / 'raw2drive_ros' / 'nodes' / f'{node["executable"]}.py').read_text()
+        module = node['executable'].removeprefix('raw2drive_')
+        assert f"'{node['executable']} = raw2drive_ros.nodes.{module}:main'" in setup
+        source = (ROOT / 'raw2drive_ros' / 'nodes' / f'{module}.py').read_text()
         for parameters in node.get('parameters', []):
             for name in parameters:
                 assert name == 'use_sim_time' or f"'{name}': (" in source, name
@@ -113,7 +115,7 @@ def test_launch_file_and_verb_start_the_same_nodes(monkeypatch, given, arguments
 
     def start(nodes, domain, *, sim_time, **rest) -> int:
         verb.extend(
-            {'executable': name, 'parameters': [parameters | {'use_sim_time': sim_time}]}
+            {'executable': f'raw2drive_{name}', 'parameters': [parameters | {'use_sim_time': sim_time}]}
             for name, parameters in nodes.items()
         )
         return 0
@@ -130,3 +132,11 @@ def test_the_nodes_of_a_namespace_have_a_clock_of_their_own(monkeypatch) -> None
     runpy.run_path(str(ROOT / 'launch' / 'driver.launch.py'))['generate_launch_description']()
     own = [('/clock', '/car1/clock'), ('/diagnostics', '/car1/diagnostics')]
     assert [(node['namespace'], node['remappings']) for node in made] == [('/car1', own)] * 2
+
+
+def test_every_executable_that_lands_on_the_path_has_our_name() -> None:
+    """pip puts them beside everybody else's programs: a `bridge` or a `player` of ours would hide theirs."""
+    lines = re.findall(r"^\s+'(\S+) = raw2drive_ros\.(\S+):main',$", (ROOT / 'setup.py').read_text(), re.MULTILINE)
+    assert len(lines) >= 10
+    for executable, module in lines:
+        assert executable == 'raw2drive' or executable == f'raw2drive_{module.removeprefix("nodes.")}'

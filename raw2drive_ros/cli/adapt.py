@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from msg_adapters.vehicle_commands import ADAPTERS
+from raw2drive_ros.cli.domain_option import add_domain_argument
 from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 EXAMPLES = 'what vehicles take:\n' + '\n'.join(
@@ -27,14 +28,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--topic', default='', help='where it listens (default: see below)')
     parser.add_argument('--config', type=Path, help="the car's figures (default: params/gate.yaml)")
     parser.add_argument('--horizon', type=float, default=0.5, help='seconds; of its speed controller')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
     parser.add_argument('--sim-time', action='store_true', help='the vehicle publishes /clock')
 
 
 def run(options: argparse.Namespace) -> int:
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.driving.gate_config import load_gate_config
     from raw2drive_ros.graph.foreground import run_single
 
+    if not options.horizon > 0:
+        raise UsageError('--horizon must be positive')
     load_gate_config(options.config)
     parameters = {
         'output': options.output,

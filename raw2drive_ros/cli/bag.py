@@ -156,3 +156,5 @@ def _print_info(info: dict[str, Any]) -> None:
             f'{len(info["episodes"])} episodes: {", ".join(info["episodes"][:8])}'
             + (' ...' if len(info['episodes']) > 8 else '')
         )
+    if info['refused']:
+        console.print(f'{len(info["refused"])} messages refused; the first: {info["refused"][0]}', markup=False)

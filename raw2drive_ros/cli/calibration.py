@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.parser import at_least
+
 EXAMPLES = """examples:
   raw2drive calibration --run runs/stage1 --bags runs/bags/policy2a
   raw2drive calibration --run runs/teacher --bags runs/teacher/bags/06_0_privileged --out calibration.png --json
@@ -42,8 +44,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.training.export import training_metadata
     from raw2drive_ros.world_model.teacher import load_teacher
 
-    if options.samples < 1 or options.threads < 1:
-        raise UsageError('--samples and --threads: give 1 or more')
+    at_least(options, 1, 'samples', 'threads')
     if options.out.suffix.lower() != '.png':
         raise UsageError(f'--out {options.out}: give a name that ends in .png')
     torch.set_num_threads(options.threads)
@@ -88,10 +89,11 @@ def _drivers(found: dict[str, Any]) -> str:
 
 
 def _print(found: dict[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    from raw2drive_ros.cli.table import wide_console
+
+    console = wide_console()
     ends = ', '.join(f'{count} {name}' for name, count in found['episodes'].items())
     console.print(f'{found["bags"]} bags ({_drivers(found)}), {found["ticks"]} ticks, episodes that end: {ends}')
     if found['bags_learnt_from']:
@@ -118,9 +120,11 @@ def _print(found: dict[str, Any]) -> None:
 
 
 def _columns(table: Any, first: str, *others: str) -> None:
-    table.add_column(first)
+    from raw2drive_ros.cli.table import add_column
+
+    add_column(table, first)
     for name in others:
-        table.add_column(name, justify='right')
+        add_column(table, name, right=True)
 
 
 def _text(value: float | None, digits: int) -> str:

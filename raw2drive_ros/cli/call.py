@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from raw2drive_ros.cli.domain_option import add_domain_argument, nothing_there
 from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 EXAMPLES = """examples:
@@ -18,12 +19,16 @@ EXAMPLES = """examples:
 Exit code 1: no such service, or it refused."""
 
 
+# What the node says, see nodes/service_call.py, when there is nothing to call at all.
+NOBODY = 'is a graph running'
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_graph_arguments(parser)
     parser.add_argument('service', nargs='?', default='', help='full name; without one, list them')
     parser.add_argument('argument', nargs='?', default='', help='true or false, or the name of a transition')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE', help='may be given several times')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -51,6 +56,7 @@ def run(options: argparse.Namespace) -> int:
         graph.start('service_call', parameters, sim_time=False)
         code = graph.processes['service_call'].wait()
         if code:
-            raise GraphError(graph.last_words('service_call'))
+            words = graph.last_words('service_call')
+            raise GraphError(nothing_there(options.domain) if NOBODY in words else f'{words} (domain {options.domain})')
         print((Path(folder) / 'service_call.log').read_text(), end='')
     return 0

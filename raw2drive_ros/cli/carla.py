@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
 from raw2drive_ros.cli.graph_options import add_graph_arguments
+from raw2drive_ros.cli.parser import at_least
 
 EXAMPLES = """examples:
   raw2drive carla                                          the server at localhost:2000, its map, its first spawn point
@@ -37,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics')
     parser.add_argument('--real-time', action='store_true', help='follow the wall clock')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -46,6 +48,7 @@ def run(options: argparse.Namespace) -> int:
 
     if not (options.route_m > 0 and options.timeout > 0):
         raise UsageError('--route-m and --timeout must be positive')
+    at_least(options, 0, 'seed', 'spawn_point')
     parameters = {
         'host': options.host,
         'port': options.port,

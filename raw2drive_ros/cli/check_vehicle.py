@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
 from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 # Before it ends, the probe brakes until the car stands.
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--allow-motion', action='store_true', help='also drive the car')
     parser.add_argument('--sim-time', action='store_true', help='a vehicle without /clock is an error')
     parser.add_argument('--mosaic', type=Path, default=MOSAIC, help=f'PNG of all cameras, labelled (default: {MOSAIC})')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
     parser.add_argument('--json', action='store_true', help='print the verdicts as JSON')
 
 

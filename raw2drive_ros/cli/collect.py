@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from raw2drive_ros.evaluation.drivers import driver_help, driver_list
+from raw2drive_ros.cli.driver_options import refuse_for_drivers
+from raw2drive_ros.cli.parser import at_least, note, refuse
+from raw2drive_ros.evaluation.drivers import DRIVERS, driver_help, driver_list
 from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, get_weather
 
 EXAMPLES = """examples:
@@ -15,7 +17,7 @@ EXAMPLES = """examples:
   raw2drive collect --driver privileged --run runs/stage1 --advice --routes all --no-cameras --out runs/bags/policy2
   raw2drive collect --driver expert --table --routes 'all,ParkedObstacle*3' --no-cameras --out runs/bags/parked
 
-The bags hold the same topics as those of `raw2drive record`."""
+The bags hold the same topics as those of `raw2drive record`. After Ctrl-C or a kill the same command goes on."""
 EXAMPLES += f'\n\n{driver_list()}'
 
 
@@ -57,21 +59,16 @@ def run(options: argparse.Namespace) -> int:
     import cv2
     import torch
 
-    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
+    from raw2drive_ros.evaluation.driver_spec import DriverSpec
     from raw2drive_ros.evaluation.drivers import make_driver
     from raw2drive_ros.evaluation.routes import weighted_types
-    from raw2drive_ros.evaluation.table_actions import ASKED_TICKS, AdvisedDriver, through_table
+    from raw2drive_ros.evaluation.table_actions import AdvisedDriver, through_table
     from raw2drive_ros.evaluation.world_drivers import expert_driver
     from raw2drive_ros.progress import bar
     from raw2drive_ros.simulation.camera_rig import SIZES
 
-    if options.seed < 0:
-        raise UsageError(f'--seed {options.seed}: give 0 or more')
-    if options.advice_every < ASKED_TICKS:
-        raise UsageError(f'--advice-every: give {ASKED_TICKS} or more')
-    if options.size not in SIZES:
-        raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
+    _check(options)
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
     scenarios = weighted_types(options.routes)
@@ -99,10 +96,42 @@ def run(options: argparse.Namespace) -> int:
         'table': str(options.table),
         'advice': str(options.advice or (options.table and options.driver == 'expert')),
     }
-    bags = set()
-    with bar('collecting', options.ticks, 'ticks') as advance:
-        for ticks, bag in collect(options.out, config, driver, metadata):
-            bags.add(bag)
-            advance(ticks)
+    identity = DriverSpec(options.driver, options.bundle, options.training_run).identity()
+    bags, done = set(), 0
+    try:
+        with bar('collecting', options.ticks, 'ticks') as advance:
+            for done, bag in collect(options.out, config, driver, metadata, identity):
+                bags.add(bag)
+                advance(done)
+    except KeyboardInterrupt:
+        note(f'{done} of {options.ticks} ticks are driven; the same command goes on, and ends with the same bags')
+        raise
     print(f'{len(bags)} bags in {options.out}; next: raw2drive train privileged --bags {options.out} --run runs/stage1')
     return 0
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Raises UsageError for values out of range, and for options that would be without effect."""
+    from raw2drive_ros.contracts.errors import UsageError
+    from raw2drive_ros.evaluation.table_actions import ASKED_TICKS
+    from raw2drive_ros.simulation.camera_rig import SIZES
+
+    at_least(options, 0, 'seed', 'stand_ticks')
+    at_least(options, 1, 'ticks', 'episode_ticks')
+    at_least(options, ASKED_TICKS, 'advice_every')
+    if not 0.0 <= options.noise <= 1.0:
+        raise UsageError(f'--noise {options.noise:g}: a chance per tick, from 0 to 1')
+    if options.size not in SIZES:
+        raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
+    refuse_for_drivers(options, options.driver)
+    if options.table and DRIVERS[options.driver].table:
+        raise UsageError(f'--table: driver {options.driver} drives with actions of the table anyway')
+    if options.noise and not options.table and 'noise' not in DRIVERS[options.driver].reads:
+        known = ', '.join(name for name, entry in DRIVERS.items() if 'noise' in entry.reads)
+        raise UsageError(f'--noise: driver {options.driver} takes none; these do: {known}, and others with --table')
+    if not options.advice:
+        refuse(options, ['advice_every'], 'goes with --advice')
+    if options.no_cameras:
+        if DRIVERS[options.driver].cameras:
+            raise UsageError(f'--no-cameras: driver {options.driver} drives by the cameras')
+        refuse(options, ['size', 'vary'], 'is of the camera images, which --no-cameras leaves out')

@@ -8,7 +8,9 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
 from raw2drive_ros.cli.graph_options import add_network_argument
+from raw2drive_ros.cli.parser import note, refuse
 
 EXAMPLES = """examples:
   raw2drive demo
@@ -24,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--routes', default=DEFAULT_ROUTES, help='comma list of TYPE/SEED or TYPE/SEED/WEATHER')
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--out', type=Path, default=Path('runs/demo'), help='folder for everything that is made')
-    parser.add_argument('--domain', type=int, help='ROS domain (default: the first free one from 50 on)')
+    add_domain_argument(parser, free=True)
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
     parser.add_argument('--real-time', action='store_true', help='follow the wall clock instead of lock-step')
     parser.add_argument(
@@ -39,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.cli.table import print_events, print_results
+    from raw2drive_ros.driving.bundle import load_bundle
     from raw2drive_ros.evaluation.routes import SUITE_VERSION
     from raw2drive_ros.evaluation.statistics import summarise
     from raw2drive_ros.graph.drive import GraphJob, drive_graph
@@ -50,23 +53,23 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.simulation.route_id import RouteId
     from raw2drive_ros.simulation.scenario import get_scenario
 
-    bundle = options.bundle or default_bundle()
-    if not (bundle / 'bundle.json').is_file():
-        from raw2drive_ros.driving.bundle import load_bundle
-
-        load_bundle(bundle)
+    # Whatever the user may have got wrong is found before anything of an earlier demo is removed.
     routes = tuple(RouteId.parse(part) for part in options.routes.split(','))
     for route in routes:
         get_scenario(route.type)
-    require_space(options.out)
-    _clear(options.out)
     faults = _faults(options)
+    require_space(options.out)
+    bundle = options.bundle or default_bundle()
+    load_bundle(bundle)
     real_time = options.real_time or faults is not None
     job = GraphJob(
         options.out, routes, bundle, real_time=real_time, image_transport=options.image_transport, faults=faults
     )
-    with reserve_domain(options.domain) as domain, bar('driving', 100.0, '%') as advance:
-        rows, timing = drive_graph(job, domain, advance)
+    with reserve_domain(options.domain) as domain:
+        _clear(options.out)
+        note(f'driving in ROS domain {domain}')
+        with bar('driving', 100.0, '%') as advance:
+            rows, timing = drive_graph(job, domain, advance)
     result = summarise('raw', options.routes, SUITE_VERSION, routes, rows, timing)
     made = {'result': options.out / 'result.json', 'bag': options.out / 'bag'}
     if not options.no_video:
@@ -87,15 +90,14 @@ def run(options: argparse.Namespace) -> int:
 def _faults(options: argparse.Namespace) -> tuple[str, str] | None:
     """Raises ConfigError or UsageError before any process starts."""
     from raw2drive_ros.contracts.errors import UsageError
-    from raw2drive_ros.faults.plan import load_plans
+    from raw2drive_ros.faults.plan import load_plan
 
     if options.fault is None:
+        refuse(options, ['fault_plans'], 'goes with --fault PLAN')
         return None
     if options.image_transport == 'compressed':
         raise UsageError('--fault goes with raw images')
-    known = load_plans(options.fault_plans).plans
-    if options.fault not in known:
-        raise UsageError(f'--fault {options.fault}: {options.fault_plans} has {", ".join(known)}')
+    load_plan(options.fault_plans, options.fault)
     return options.fault_plans, options.fault
 
 

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.parser import refuse
+
 EXAMPLES = """examples:
   raw2drive doctor
   raw2drive doctor --quick          without the latency measurement
@@ -23,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.graph.doctor import examine
 
+    if options.quick:
+        refuse(options, ['bundle'], 'its latency is what --quick does not measure')
     body = examine(options.bundle, quick=options.quick)
     if options.json:
         print(json.dumps(body))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
 from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 EXAMPLES = """examples:
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--gate', type=Path, help='file like params/gate.yaml: limits and stops of your car')
     parser.add_argument('--monitor', type=Path, help='file like params/monitor.yaml: what counts as a bad sensor')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:

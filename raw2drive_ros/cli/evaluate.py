@@ -5,10 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from raw2drive_ros.cli.deprecation import warn_old
+from raw2drive_ros.cli.driver_options import refuse_for_drivers
+from raw2drive_ros.cli.parser import at_least, note, refuse
 from raw2drive_ros.cli.route_options import add_route_arguments, chosen_routes
 from raw2drive_ros.evaluation.drivers import DRIVERS, driver_help, driver_list
+
+if TYPE_CHECKING:
+    from raw2drive_ros.evaluation.driver_spec import DriverSpec
+    from raw2drive_ros.simulation.route_id import RouteId
 
 EXAMPLES = """examples:
   raw2drive evaluate --driver raw --routes lane-following --seeds 20 --json
@@ -57,11 +64,7 @@ def run(options: argparse.Namespace) -> int:
 
     from raw2drive_ros.cli.table import print_results
     from raw2drive_ros.evaluation.driver_spec import DriverSpec
-    from raw2drive_ros.evaluation.evaluate import Conditions, evaluate
-    from raw2drive_ros.evaluation.metrics import RouteResult
-    from raw2drive_ros.evaluation.results import filmstrips_of
-    from raw2drive_ros.progress import bar
-    from raw2drive_ros.report.filmstrip import FilmstripRecorder
+    from raw2drive_ros.evaluation.evaluate import EvaluationInterrupted
     from raw2drive_ros.settings import default_bundle
 
     cv2.setNumThreads(1)
@@ -76,6 +79,32 @@ def run(options: argparse.Namespace) -> int:
     spec = DriverSpec(options.driver, bundle, options.training_run, options.threads, options.blind, options.table)
     # A driver that cannot be built raises here, before any process starts or any file is written.
     spec.build()
+    code = 0
+    try:
+        result = _drive(options, spec, suite, version, routes)
+    except EvaluationInterrupted as stop:
+        code, result = 130, stop.result
+    if options.json and result is not None:
+        print(json.dumps(result))
+    elif result is not None:
+        print_results(result)
+    if code:
+        done = len(result['routes']) if result is not None else 0
+        resume = 'the same command goes on' if options.out else 'with --out FILE the same command goes on where it was'
+        note(f'interrupted: the figures are of {done} of {len(routes)} routes; {resume}')
+    return code
+
+
+def _drive(
+    options: argparse.Namespace, spec: DriverSpec, suite: str, version: str, routes: list[RouteId]
+) -> dict[str, Any]:
+    """Drive the routes with a progress bar. Raises EvaluationInterrupted at Ctrl-C."""
+    from raw2drive_ros.evaluation.evaluate import Conditions, evaluate
+    from raw2drive_ros.evaluation.metrics import RouteResult
+    from raw2drive_ros.evaluation.results import filmstrips_of
+    from raw2drive_ros.progress import bar
+    from raw2drive_ros.report.filmstrip import FilmstripRecorder
+
     filmstrips = filmstrips_of(options.out) if options.out else None
     observe = FilmstripRecorder if filmstrips else None
     conditions = Conditions(bench2drive_compat=options.bench2drive_compat, observe=observe, filmstrips=filmstrips)
@@ -87,26 +116,21 @@ def run(options: argparse.Namespace) -> int:
         if options.graph:
             from raw2drive_ros.graph.drive import evaluate_graph
 
-            result = evaluate_graph(spec, suite, version, routes, conditions, options.out, on_route)
-        else:
-            result = evaluate(spec, suite, version, routes, conditions, options.out, on_route, options.workers)
-    if options.json:
-        print(json.dumps(result))
-    else:
-        print_results(result)
-    return 0
+            return evaluate_graph(spec, suite, version, routes, conditions, options.out, on_route)
+        return evaluate(spec, suite, version, routes, conditions, options.out, on_route, options.workers)
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raises UsageError for options that do not go together."""
+    """Raises UsageError for options that do not go together or would be without effect."""
     from raw2drive_ros.contracts.errors import UsageError
 
-    if options.workers < 1:
-        raise UsageError('--workers: give 1 or more')
+    at_least(options, 1, 'workers', 'threads')
+    refuse_for_drivers(options, options.driver)
     if options.graph and (options.workers > 1 or options.blind):
         raise UsageError('--graph drives one route after another, with open eyes: no --workers, no --blind')
-    known = DRIVERS.get(options.driver)
-    if options.table and (options.graph or (known is not None and known.table)):
+    if options.graph:
+        refuse(options, ['threads'], 'the nodes of --graph have one thread each')
+    if options.table and (options.graph or DRIVERS[options.driver].table):
         raise UsageError('--table is for drivers of continuous commands, in process: expert, rule, idm, constant')
 
 

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from raw2drive_ros.cli.parser import at_least, note
 from raw2drive_ros.cli.route_options import add_route_arguments, chosen_routes
 
 EXAMPLES = """examples:
@@ -29,35 +30,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.contracts.errors import UsageError
+    from raw2drive_ros.evaluation.evaluate import EvaluationInterrupted
     from raw2drive_ros.evaluation.fault_matrix import FaultMatrix
     from raw2drive_ros.progress import bar
     from raw2drive_ros.settings import default_bundle
 
-    if options.workers < 1:
-        raise UsageError('--workers: give 1 or more')
+    at_least(options, 1, 'workers', 'threads')
     routes = chosen_routes(options)[2]
     bundle = options.bundle or default_bundle()
     matrix = FaultMatrix(options.plans, bundle, options.threads, options.workers, options.out)
     jobs = matrix.jobs(routes)
-    with bar('driving under faults', len(jobs), 'drives') as advance:
-        found = matrix.drive(jobs, advance)
+    stopped = False
+    try:
+        with bar('driving under faults', len(jobs), 'drives') as advance:
+            found = matrix.drive(jobs, advance)
+    except EvaluationInterrupted as stop:
+        found, stopped = stop.result or [], True
     if options.json:
         print(json.dumps({'routes': [str(route) for route in routes], 'plans': found}))
-    else:
+    elif found:
         _print(found, len(routes))
+    if stopped:
+        done = sum(row['drives'] for row in found)
+        note(f'interrupted after {done} of {len(jobs)} drives: the last plan may lack some')
+        return 130
     return 0
 
 
 def _print(found: list[dict[str, Any]], routes: int) -> None:
-    from rich.console import Console
     from rich.table import Table
 
+    from raw2drive_ros.cli.table import add_column, wide_console
     from raw2drive_ros.evaluation.fault_matrix import NO_FAULT
 
     table = Table(title=f'{routes} routes under each fault; seconds from the beginning of the fault')
     for name in ('fault', 'stopped', 'reaction s', 'standing s', 'score', 'collisions', 'what gate and planner say'):
-        table.add_column(name, justify='left' if name in ('fault', 'what gate and planner say') else 'right')
+        add_column(table, name, right=name not in ('fault', 'what gate and planner say'))
     for row in found:
         table.add_row(
             row['plan'],
@@ -68,4 +76,4 @@ def _print(found: list[dict[str, Any]], routes: int) -> None:
             str(row['collisions']),
             '; '.join(row['causes'] or row['reasons']) or '-',
         )
-    Console(width=160).print(table)
+    wide_console().print(table)

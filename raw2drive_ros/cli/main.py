@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from raw2drive_ros import __version__
+from raw2drive_ros.cli.parser import Parser
 
 # group: verb: (module, one line of help). A verb of two words is a subcommand of the verb that its first word names.
 GROUPS = {
     'Start': {
         'demo': ('demo', 'drive three routes through the whole ROS graph and make a report'),
         'doctor': ('doctor', 'check the installation, the transport and the latency budget'),
+        'completion': ('completion', 'print the script that completes this command in bash or zsh'),
     },
     'Drive': {
         'sim': ('sim', 'run the simulation bridge'),
@@ -35,7 +37,7 @@ GROUPS = {
         'evaluate': ('evaluate', 'drive routes in process or through the graph, and score them'),
         'evaluate faults': ('evaluate_faults', 'drive the raw policy under every plan of faults'),
         'report': ('report', 'compare results of evaluate on one HTML page'),
-        'suite': ('suite', 'list the evaluation suites, or draw one anew'),
+        'suite': ('suite', 'list the evaluation suites, show the routes of one, or draw one anew'),
     },
     'Look': {
         'scenario': ('scenario', 'list the scenario types, or show one as a picture or a video'),
@@ -62,7 +64,23 @@ EXAMPLES = """examples:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit codes: 0 done, 1 failed, 2 wrong usage, 130 Ctrl-C, 143 SIGTERM."""
-    parser = argparse.ArgumentParser(
+    words = _joined(list(sys.argv[1:] if arguments is None else arguments))
+    chosen = next((a for a in words if not a.startswith('-')), '')
+    parser, verbs = build_parser((chosen,))
+    options, unknown = parser.parse_known_args(words)
+    sub = verbs[options.verb]
+    two_words = [verb for verb in VERBS if verb.startswith(f'{options.verb} ')]
+    sub.refuse_unknown(unknown, two_words)
+    # Which options the user gave: `parser.refuse` tells them from defaults.
+    options.given = sub.named(words[words.index(options.verb) + 1 :])
+    from raw2drive_ros.cli.guard import guarded
+
+    return guarded(options.run, options)
+
+
+def build_parser(loaded: Collection[str]) -> tuple[Parser, dict[str, Parser]]:
+    """The parser of the command line, and those of the verbs, of which only the `loaded` ones know their options."""
+    parser = Parser(
         'raw2drive',
         description='Raw2Drive for ROS 2: an end-to-end driver learnt by model-based reinforcement learning.',
         epilog=f'{_listing()}\n\n{EXAMPLES}',
@@ -70,20 +88,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--version', action='version', version=f'raw2drive {__version__}')
     verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
-    given = _joined(list(sys.argv[1:] if arguments is None else arguments))
-    chosen = next((a for a in given if not a.startswith('-')), None)
+    subs: dict[str, Parser] = {}
     for verb, (module, help_line) in VERBS.items():
         # No `help` here, or argparse would list the verbs a second time.
-        sub = verbs.add_parser(verb, description=help_line, formatter_class=argparse.RawDescriptionHelpFormatter)
-        if verb == chosen:
-            loaded = importlib.import_module(f'raw2drive_ros.cli.{module}')
-            sub.epilog = loaded.EXAMPLES
-            loaded.add_arguments(sub)
-            sub.set_defaults(run=loaded.run)
-    options = parser.parse_args(given)
-    from raw2drive_ros.cli.guard import guarded
-
-    return guarded(options.run, options)
+        subs[verb] = verbs.add_parser(verb, description=help_line, formatter_class=argparse.RawDescriptionHelpFormatter)
+        if verb in loaded:
+            found = importlib.import_module(f'raw2drive_ros.cli.{module}')
+            subs[verb].epilog = found.EXAMPLES
+            found.add_arguments(subs[verb])
+            subs[verb].set_defaults(run=found.run)
+    return parser, subs
 
 
 def _listing() -> str:

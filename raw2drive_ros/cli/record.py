@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
+from raw2drive_ros.cli.domain_option import add_domain_argument, heard_nobody, nothing_there
 from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 EXAMPLES = """examples:
@@ -23,6 +25,9 @@ A kill loses at most what came in the last --flush-s seconds: raw2drive bag reco
 
 See also: raw2drive collect, which drives and records without a graph."""
 
+# To write down what has arrived and close the bag takes a moment, on a busy machine several seconds.
+CLOSE_WITHIN_S = 30.0
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_graph_arguments(parser)
@@ -33,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--snapshot-s', type=float, default=0.0, help='keep the last seconds, write them when asked')
     parser.add_argument('--flush-s', type=float, default=0.5, help='what a kill can lose')
     parser.add_argument('--fail-on-loss', action='store_true', help='exit code 1 when a message was lost')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -48,10 +53,18 @@ def run(options: argparse.Namespace) -> int:
         **{name: getattr(options, name) for name in ('split_s', 'split_mb', 'snapshot_s', 'flush_s')},
     }
     try:
-        return run_single({'recorder': parameters}, options.domain, namespace=options.namespace, sim_time=False)
+        return run_single(
+            {'recorder': parameters},
+            options.domain,
+            namespace=options.namespace,
+            sim_time=False,
+            end_within_s=CLOSE_WITHIN_S,
+        )
     finally:
         if options.out.exists():
             _tell(options.out)
+            if heard_nobody(options.out):
+                print(nothing_there(options.domain), file=sys.stderr)
 
 
 def _tell(out: Path) -> None:

@@ -7,6 +7,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
 from raw2drive_ros.cli.graph_options import add_graph_arguments
 
 EXAMPLES = """examples:
@@ -33,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--verify', action='store_true', help="compare the bundle's decisions with the bag's, bit for bit"
     )
     parser.add_argument('--bundle', type=Path, help='policy bundle for --verify (default: the shipped one)')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:

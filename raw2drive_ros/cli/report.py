@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 from raw2drive_ros.cli.deprecation import warn_old
+from raw2drive_ros.cli.parser import at_least, refuse
 
 EXAMPLES = """examples:
   raw2drive report runs/expert.jsonl --out report.html
@@ -26,15 +27,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.report.comparison import read_all, statistics_of, write_comparison
 
     if options.strips is not None:
         warn_old('--strips', '--filmstrips')
         options.filmstrips = options.strips
-    if options.filmstrips < 0:
-        raise UsageError('--filmstrips: give 0 or more')
+    at_least(options, 0, 'filmstrips')
     if options.json:
+        refuse(options, ['out', 'filmstrips'], 'is of the page, which --json does not write')
         print(json.dumps(statistics_of(options.files, read_all(options.files))))
         return 0
     page = write_comparison(options.out, options.files, options.filmstrips)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from raw2drive_ros.cli.parser import at_least, refuse
+
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.route_id import RouteId
 
@@ -26,13 +28,14 @@ def chosen_routes(options: argparse.Namespace) -> tuple[str, str, list[RouteId]]
     from dataclasses import replace
 
     from raw2drive_ros.contracts.errors import UsageError
+    from raw2drive_ros.contracts.near_names import did_you_mean
     from raw2drive_ros.evaluation.routes import SUITE_VERSION, routes_of
     from raw2drive_ros.evaluation.suites import load_suite
     from raw2drive_ros.simulation.scenario import load_scenarios
     from raw2drive_ros.simulation.weather import CLEAR, get_weather
 
-    if options.seeds is not None and options.seeds < 1:
-        raise UsageError('--seeds: give 1 or more')
+    at_least(options, 1, 'seeds')
+    at_least(options, 0, 'first_seed')
     if options.weather is not None:
         get_weather(options.weather)
     if options.suite is None:
@@ -44,6 +47,7 @@ def chosen_routes(options: argparse.Namespace) -> tuple[str, str, list[RouteId]]
             SUITE_VERSION,
             routes_of(options.routes, seeds, options.first_seed, options.weather or CLEAR),
         )
+    refuse(options, ['routes', 'first_seed'], 'does not go with --suite, which lists its routes')
     suite = load_suite(options.suite)
     name, routes = suite.name, list(suite.routes)
     if options.ability is not None:
@@ -51,8 +55,9 @@ def chosen_routes(options: argparse.Namespace) -> tuple[str, str, list[RouteId]]
         plain = options.ability.replace('-', '').lower()
         routes = [route for route in routes if plain in (a.lower() for a in known[route.type].abilities)]
         if not routes:
-            names = ', '.join(sorted({a for s in known.values() for a in s.abilities}))
-            raise UsageError(f'--ability {options.ability}: no such routes in {suite.name}; abilities: {names}')
+            names = sorted({a for s in known.values() for a in s.abilities})
+            listed = f'{did_you_mean(plain, names) or ";"} abilities: {", ".join(names)}'
+            raise UsageError(f'--ability {options.ability}: no such routes in {suite.name}{listed}')
         name = f'{suite.name}/{options.ability}'
     if options.weather is not None:
         routes = [replace(route, weather=options.weather) for route in routes]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from raw2drive_ros.cli.driver_options import refuse_for_drivers
+from raw2drive_ros.cli.parser import at_least, refuse_all_but
 from raw2drive_ros.evaluation.drivers import driver_help
 
 EXAMPLES = """examples:
@@ -16,6 +18,15 @@ EXAMPLES = """examples:
   raw2drive scenario gallery --out docs                 a page with a picture of every benchmark type
 
 Seed, weather and repetition name the same drive as in the results of raw2drive evaluate."""
+
+# The options of each action, by dest.
+DRIVE = ('action', 'name', 'seed', 'weather', 'repetition', 'driver', 'bundle', 'training_run')
+READS = {
+    'list': ('action',),
+    'show': (*DRIVE, 'blind', 'seconds', 'size', 'picture', 'video'),
+    'reward': (*DRIVE, 'against', 'picture'),
+    'gallery': ('action', 'out'),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +53,7 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.simulation.scenario import get_scenario
 
+    refuse_all_but(options, READS[options.action], f'scenario {options.action}')
     if options.action == 'list':
         return print_list()
     if options.action == 'gallery':
@@ -54,6 +66,8 @@ def run(options: argparse.Namespace) -> int:
     if options.name is None:
         raise UsageError(f'scenario {options.action} needs a TYPE; see raw2drive scenario list')
     get_scenario(options.name)
+    at_least(options, 0, 'seed', 'repetition', 'seconds')
+    refuse_for_drivers(options, options.driver, *([options.against] if options.action == 'reward' else []))
     return _reward(options) if options.action == 'reward' else _show(options)
 
 
@@ -101,8 +115,6 @@ def _show(options: argparse.Namespace) -> int:
 
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
-    if min(options.seed, options.repetition) < 0 or (options.seconds is not None and options.seconds < 0):
-        raise UsageError('--seed, --repetition and --seconds: give 0 or more')
     for flag, path, suffix in (('--picture', options.picture, '.png'), ('--video', options.video, '.mp4')):
         if path is not None and path.suffix.lower() != suffix:
             raise UsageError(f'{flag} {path}: give a name that ends in {suffix}')

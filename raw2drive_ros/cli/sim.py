@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 
 from raw2drive_ros.cli.deprecation import warn_old
+from raw2drive_ros.cli.domain_option import add_domain_argument
 from raw2drive_ros.cli.graph_options import add_graph_arguments
+from raw2drive_ros.cli.parser import at_least
 
 EXAMPLES = """examples:
   raw2drive sim --scenario HardBreakRoute --seed 3            (raw2drive scenario list has the names)
@@ -26,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--real-time', action='store_true', help='follow the wall clock instead of lock-step')
     parser.add_argument('--image-transport', choices=('raw', 'compressed'), default='raw', help='image topics in use')
-    parser.add_argument('--domain', type=int, default=0, help='ROS domain')
+    add_domain_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -41,8 +43,7 @@ def run(options: argparse.Namespace) -> int:
         warn_old('sim --list', 'raw2drive scenario list')
         return print_list()
     get_scenario(options.scenario)
-    if options.seed < 0:
-        raise UsageError(f'--seed {options.seed}: give 0 or more')
+    at_least(options, 0, 'seed')
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     height, width = SIZES[options.size]

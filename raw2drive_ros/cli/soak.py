@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from raw2drive_ros.evaluation.soak import Sample
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
+from raw2drive_ros.cli.parser import at_least, refuse
+
 EXAMPLES = """examples:
   raw2drive soak --hours 24 --out runs/soak          24 simulated hours, some six hours on two cores
   raw2drive soak --hours 24 --out runs/soak          again after Ctrl-C or a restart: the hours that are missing
@@ -32,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--graphs', type=int, default=1, help='graphs that run at once and share the hours (1)')
     parser.add_argument('--every', type=float, default=20.0, help='seconds (wall) between samples')
     parser.add_argument('--warm-up', type=float, default=1.0, help='simulated hours that are not judged')
-    parser.add_argument('--domain', type=int, help='ROS domain (default: the first free one from 50 on)')
+    add_domain_argument(parser, free=True)
     parser.add_argument('--json', action='store_true', help='print the verdict as JSON')
 
 
@@ -45,8 +48,9 @@ def run(options: argparse.Namespace) -> int:
 
     if not (0 <= options.hours < 10_000 and options.every > 0 and options.warm_up >= 0):
         raise UsageError('--hours and --warm-up must not be negative, --every must be positive')
-    if options.graphs < 1 or (options.graphs > 1 and options.domain is not None):
-        raise UsageError('--graphs must be at least 1, and several graphs choose their domains themselves')
+    at_least(options, 1, 'graphs')
+    if options.graphs > 1:
+        refuse(options, ['domain'], 'several graphs choose their domains themselves')
     options.out.mkdir(parents=True, exist_ok=True)
     file = options.out / SAMPLES
     drop_half_line(file)
@@ -61,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
                 first_part=1 + max((s.part for s in before), default=0),
                 graphs=options.graphs,
                 sample_every_s=options.every,
-                domain=options.domain,
+                domain=options.domain if options.graphs == 1 else None,
             )
             with bar('soaking', round(missing_h * 3600.0), 'simulated seconds') as advance:
                 soak(plan, missing_h, advance)
@@ -99,15 +103,16 @@ def _report(options: argparse.Namespace, samples: list[Sample]) -> int:
 
 
 def _print(found: list[Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from raw2drive_ros.cli.table import add_column, wide_console
 
     if not found:
         return
     table = Table(title='medians of the first and last quarter after warm-up; growth by simulated hour', box=None)
     for column in ('start: what', 'first', 'last', 'highest', 'growth/h', ''):
-        table.add_column(column, justify='left' if column in ('start: what', '') else 'right', no_wrap=True)
+        add_column(table, column, right=column not in ('start: what', ''))
     for t in found:
         values = (f'{value:.1f}' for value in (t.first, t.last, t.highest))
         table.add_row(f'{t.part}: {t.name}', *values, f'{t.per_hour:+.2f}', 'steady' if t.steady else 'GROWS')
-    Console().print(table)
+    wide_console().print(table)

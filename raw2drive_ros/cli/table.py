@@ -2,22 +2,41 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
     from raw2drive_ros.recording.events import Event
+
+
+# Wide enough for a row of any table: what is piped is read by programs, or by people in an editor.
+PIPED_COLUMNS = 1000
+
+
+def wide_console() -> Console:
+    """A console as wide as the terminal; into a file or a pipe, every row of a table is one whole line."""
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else PIPED_COLUMNS)
+
+
+def add_column(table: Table, title: str, *, right: bool = False) -> None:
+    """A column whose cells go on in the next line where the terminal is narrow: no name and no figure is cut."""
+    table.add_column(title, justify='right' if right else 'left', overflow='fold')
 
 
 def print_results(result: dict[str, Any]) -> None:
     """Route rows, then means with 95 % intervals, then timing."""
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    console = wide_console()
     table = Table(title=f'{result["driver"]} on {result["suite"]}')
     for column in ('route', 'completion %', 'infractions', 'driving score', 'success'):
-        table.add_column(column, justify='left' if column in ('route', 'infractions') else 'right')
+        add_column(table, column, right=column not in ('route', 'infractions'))
     for row in result['routes']:
         events = ', '.join(f'{name} x{count}' for name, count in row['infractions'].items()) or '-'
         table.add_row(
@@ -48,6 +67,9 @@ def print_results(result: dict[str, Any]) -> None:
     done = sum(row['route_completion'] >= 90 for row in result['routes'])
     console.print(f'{done} of {len(result["routes"])} routes with completion >= 90 %')
     timing = result['timing']
+    if timing['ticks_per_s'] is None:
+        # Every route was driven by an earlier call.
+        return
     line = f'{timing["ticks_per_s"]} ticks/s, tick p50 {timing["tick_ms"]["p50"]} ms, p99 {timing["tick_ms"]["p99"]} ms'
     if 'planner_ms' in timing:
         planner = timing['planner_ms']
@@ -57,11 +79,10 @@ def print_results(result: dict[str, Any]) -> None:
 
 def print_events(events: Sequence[Event]) -> None:
     """One line per event; the text of nodes is printed literally, without markup."""
-    from rich.console import Console
     from rich.text import Text
 
+    console = wide_console()
     colours = {'ok': 'green', 'warning': 'yellow', 'error': 'red', 'stale': 'red'}
-    console = Console()
     for event in events:
         line = Text(f'{event.time_s:8.1f} s  ').append(f'{event.level:8}', colours[event.level])
         console.print(line.append(f'{event.node:15} {event.text}'), soft_wrap=True)

@@ -48,7 +48,7 @@ class PrivilegedImportError(ImportError):
 
 
 class UnknownScenarioError(UserError, KeyError):
-    """No scenario of that name; the message lists the known ones."""
+    """No scenario of that name; the message says which are near, or lists the known ones."""
 
     exit_code = 2
 

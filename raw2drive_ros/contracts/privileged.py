@@ -11,8 +11,48 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.contracts.errors import ContractError
-from raw2drive_ros.tables.vector_layout import EGO_SIZE
+from raw2drive_ros.tables.bev_channels import CHANNEL_COUNT, SIZE_PX
+from raw2drive_ros.tables.vector_layout import EGO_FIELDS, EGO_SIZE
+
+BEV_SHAPE = (CHANNEL_COUNT, SIZE_PX, SIZE_PX)
+# Of a step, and of each of its terms. In this simulation none exceeds 1 + the speed of a collision in m/s.
+LARGEST_REWARD = 1000.0
+# Lowest and highest value of each field; steering and pedals are shares, which may exceed their range by rounding.
+ROUNDING = 1e-3
+EGO_RANGES = {
+    'speed_mps': (-150.0, 150.0),
+    'steer': (-1.0 - ROUNDING, 1.0 + ROUNDING),
+    'throttle': (-ROUNDING, 1.0 + ROUNDING),
+    'brake': (-ROUNDING, 1.0 + ROUNDING),
+    'yaw_rate_radps': (-50.0, 50.0),
+}
+
+
+def check_bev(bev: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The same masks, (C, H, W) bool of `BEV_SHAPE`. Raises ContractError for others."""
+    if bev.dtype != np.bool_ or bev.shape != BEV_SHAPE:
+        raise ContractError(f'BEV masks: {bev.dtype} {bev.shape}, not bool {BEV_SHAPE}')
+    return bev
+
+
+def check_ego(ego: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The same vector, (5,), every value finite and within `EGO_RANGES`. Raises ContractError otherwise."""
+    if ego.shape != (EGO_SIZE,):
+        raise ContractError(f'ego vector: shape {ego.shape}, not ({EGO_SIZE},)')
+    for name, value in zip(EGO_FIELDS, ego.tolist(), strict=True):
+        low, high = EGO_RANGES[name]
+        if not low <= value <= high:
+            raise ContractError(f'ego vector: {name} is {value:g}, outside [{low:g}, {high:g}]')
+    return ego
+
+
+def check_advice(action: float) -> int:
+    """The expert's action. Raises ContractError for what is no index in the action table."""
+    if action not in range(ACTION_COUNT):
+        raise ContractError(f'advice: action {action:g} is not in the table of {ACTION_COUNT}')
+    return int(action)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +68,8 @@ class PrivilegedFrame:
     ego: NDArray[np.float32]
 
     def validate(self) -> PrivilegedFrame:
-        if self.bev.ndim != 3 or self.bev.dtype != np.bool_:
-            raise ContractError(f'PrivilegedFrame.bev: {self.bev.dtype} {self.bev.shape}')
-        if self.ego.shape != (EGO_SIZE,) or not np.isfinite(self.ego).all():
-            raise ContractError(f'PrivilegedFrame.ego: {self.ego}')
+        check_bev(self.bev)
+        check_ego(self.ego)
         return self
 
 
@@ -51,3 +89,11 @@ class Transition:
     is_first: bool
     is_terminal: bool
     is_last: bool
+
+    def validate(self) -> Transition:
+        if self.action not in range(-1, ACTION_COUNT):
+            raise ContractError(f'Transition.action {self.action} is not -1 and not in the table of {ACTION_COUNT}')
+        for name, value in (('reward', self.reward), *self.reward_terms.items()):
+            if not abs(value) <= LARGEST_REWARD:
+                raise ContractError(f'Transition: {name} is {value:g}, outside +-{LARGEST_REWARD:g}')
+        return self

@@ -17,6 +17,10 @@ from raw2drive_ros.contracts.errors import ContractError
 
 Float64 = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
+# No sensor of a car measures more, and nothing below loses its meaning, or becomes infinite, as float32: force
+# (m/s2), rates (rad/s) and speed (m/s); distances in `map` (m), which may be UTM coordinates.
+LARGEST_MOTION = 1e6
+LARGEST_DISTANCE_M = 1e8
 
 
 def _require(message: str, *, holds: bool) -> None:
@@ -26,6 +30,11 @@ def _require(message: str, *, holds: bool) -> None:
 
 def _finite(name: str, *values: float) -> None:
     _require(f'{name}: not finite: {values}', holds=bool(np.all(np.isfinite(values))))
+
+
+def _within(name: str, limit: float, *values: float) -> None:
+    _finite(name, *values)
+    _require(f'{name}: absurd: {values}', holds=all(abs(value) <= limit for value in values))
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +70,7 @@ class ImuSample:
     angular_velocity_radps: tuple[float, float, float]
 
     def validate(self) -> ImuSample:
-        _finite('ImuSample', *self.specific_force_mps2, *self.angular_velocity_radps)
+        _within('ImuSample', LARGEST_MOTION, *self.specific_force_mps2, *self.angular_velocity_radps)
         return self
 
 
@@ -77,7 +86,8 @@ class OdometrySample:
     yaw_rate_radps: float
 
     def validate(self) -> OdometrySample:
-        _finite('OdometrySample', self.x_m, self.y_m, self.yaw_rad, self.speed_mps, self.yaw_rate_radps)
+        _within('OdometrySample: pose', LARGEST_DISTANCE_M, self.x_m, self.y_m, self.yaw_rad)
+        _within('OdometrySample: twist', LARGEST_MOTION, self.speed_mps, self.yaw_rate_radps)
         return self
 
 
@@ -97,6 +107,7 @@ class Route:
         _require(f'Route: shape {points.shape}', holds=points.ndim == 2 and points.shape[1] == 2)
         _require('Route: needs at least two checkpoints', holds=len(points) >= 2)
         _require('Route: not finite', holds=bool(np.isfinite(points).all()))
+        _require(f'Route: absurd: {points.min()} to {points.max()} m', holds=np.abs(points).max() <= LARGEST_DISTANCE_M)
         return self
 
 
@@ -131,6 +142,22 @@ class CameraCalibration:
         )
 
 
+def check_image(image: Image8, calibration: CameraCalibration | None = None) -> Image8:
+    """The same picture. Raises ContractError unless it is (H, W, 3) uint8, of the calibration's size where that is
+    known: with another size its pixels are not where the calibration says."""
+    _require(
+        f'image: {image.dtype} {image.shape}, not uint8 (H, W, 3)',
+        holds=image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3 and image.size > 0,
+    )
+    if calibration is not None:
+        size = calibration.height, calibration.width
+        _require(
+            f'image: {image.shape[0]}x{image.shape[1]}, and its camera_info says {size[0]}x{size[1]}',
+            holds=image.shape[:2] == size,
+        )
+    return image
+
+
 @dataclass(frozen=True, slots=True)
 class SensorFrame:
     """Everything the raw-sensor driver may see of one decision tick; all stamps equal `stamp_ns`.
@@ -145,11 +172,8 @@ class SensorFrame:
 
     def validate(self) -> SensorFrame:
         _require('SensorFrame: no images', holds=bool(self.images))
-        for name, image in self.images.items():
-            _require(
-                f'SensorFrame: image {name} is {image.dtype} {image.shape}, not uint8 (H, W, 3)',
-                holds=image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3,
-            )
+        for image in self.images.values():
+            check_image(image)
         self.imu.validate()
         self.odometry.validate()
         return self

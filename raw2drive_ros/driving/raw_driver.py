@@ -12,17 +12,16 @@ from raw2drive_ros.contracts.actions import ACTIONS
 from raw2drive_ros.contracts.errors import ContractError
 from raw2drive_ros.contracts.public import Decision, Route, SensorFrame
 from raw2drive_ros.driving.bundle import Bundle
+from raw2drive_ros.driving.continuity import follows
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
 from raw2drive_ros.world_model.agent import AgentState, Observation, RecurrentAgent
-
-FORGET_AFTER_S = 1.0
 
 
 class RawDriver:
     """The raw policy, deterministic: modes of posterior and actor instead of samples, `threads` torch threads.
 
-    A new route (another stamp), time that goes back or a gap longer than `FORGET_AFTER_S` starts a new episode: the
-    recurrent state from before is stale.
+    A new route (another stamp) and time that goes back start a new episode. A gap (`continuity.follows`) starts a new
+    sequence in it: the recurrent state from before is stale, as in training, and the place along the route is not.
     """
 
     name = 'raw'
@@ -43,9 +42,11 @@ class RawDriver:
         """Raises ContractError when a camera is missing or has the wrong size."""
         started = time.perf_counter()
         new_route = self.progress.route is not None and route.stamp_ns != self.progress.route.stamp_ns
-        gap_s = 0.0 if self.stamp_ns is None else (frame.stamp_ns - self.stamp_ns) * 1e-9
-        if new_route or not 0.0 <= gap_s <= FORGET_AFTER_S:
+        back = self.stamp_ns is not None and frame.stamp_ns < self.stamp_ns
+        if new_route or back:
             self.reset()
+        elif not follows(self.stamp_ns, frame.stamp_ns):
+            self.state = self.agent.initial()
         self.stamp_ns = frame.stamp_ns
         self.progress.update(route, frame.odometry)
         images = torch.from_numpy(self._stack(frame))

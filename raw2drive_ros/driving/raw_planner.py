@@ -65,6 +65,11 @@ class RawPlanner:
         self.findings: list[Finding] = []
 
     @property
+    def rig(self) -> tuple[CameraCalibration, ...]:
+        """The cameras that the bundle was trained with."""
+        return self.bundle.rig
+
+    @property
     def health(self) -> Health:
         """Health of the sensors at the last `look`."""
         return self.findings[0].health if self.findings else Health.NOMINAL

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import advice_to_message
 from raw2drive_ros.contracts import topics
+from raw2drive_ros.evaluation.collection_journal import FinishedBag, open_journal
 from raw2drive_ros.evaluation.episode import as_received
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.tick_messages import TickMessages
@@ -74,29 +75,45 @@ def _permuted(names: Sequence[str], seed: int, stream: int, number: int) -> str:
 
 
 def collect(
-    folder: Path,
-    config: CollectConfig,
-    driver: EpisodeDriver,
-    provenance: dict[str, str],
+    folder: Path, config: CollectConfig, driver: EpisodeDriver, provenance: dict[str, str], identity: str = ''
 ) -> Iterator[tuple[int, Path]]:
-    """Write bags into `folder`; yields (ticks written so far, path of the bag) after each episode."""
+    """Write bags into `folder`; yields (ticks written so far, path of the bag) after each episode.
+
+    Called again after an interruption it goes on with the bag that was not finished and ends with the same messages.
+    identity: of the driver and its weights, see `DriverSpec.identity`; another one is another collection. Raises
+    BagExistsError where bags of another collection have the same names, or another process is writing these.
+    """
+    what = asdict(config) | {'provenance': provenance, 'identity': identity}
     simulation = SimulationConfig(config.image_size, cameras=config.cameras, vary=config.vary)
     env = DrivingEnv(simulation)
     messages = TickMessages(RosbagsFactory(), env.rig)
     number = done_ticks = 0
-    while done_ticks < config.ticks:
-        first = episode_route(config, number)
-        path = folder / f'{provenance.get("driver", "driver")}_{first.seed:06d}'
-        metadata = provenance | {'first_seed': str(first.seed), 'scenarios': ','.join(config.scenarios)}
-        with BagWriter(path, metadata) as bag:
-            for topic, stamp, message in messages.latched(env.clock_ns):
-                bag.write(topic, stamp, message)
-            in_bag = 0
-            while in_bag < config.bag_ticks and done_ticks + in_bag < config.ticks:
-                in_bag += _episode(env, messages, bag, episode_route(config, number), driver, config)
-                number += 1
-                yield done_ticks + in_bag, path
-        done_ticks += in_bag
+    with open_journal(folder, _bag_name(config, provenance, 0), what) as journal:
+        while done_ticks < config.ticks:
+            path = folder / _bag_name(config, provenance, number)
+            if (done := journal.whole(path.name)) is not None:
+                number, done_ticks, env.clock_ns = number + done.episodes, done_ticks + done.ticks, done.clock_ns
+                yield done_ticks, path
+                continue
+            journal.begin(path.name)
+            first = episode_route(config, number)
+            metadata = provenance | {'first_seed': str(first.seed), 'scenarios': ','.join(config.scenarios)}
+            with BagWriter(path, metadata) as bag:
+                for topic, stamp, message in messages.latched(env.clock_ns):
+                    bag.write(topic, stamp, message)
+                in_bag, begins = 0, number
+                while in_bag < config.bag_ticks and done_ticks + in_bag < config.ticks:
+                    in_bag += _episode(env, messages, bag, episode_route(config, number), driver, config)
+                    number += 1
+                    yield done_ticks + in_bag, path
+                # Before the bag gets its name: a bag that is there and has this note is whole.
+                journal.finish(FinishedBag(path.name, number - begins, in_bag, env.clock_ns))
+            done_ticks += in_bag
+
+
+def _bag_name(config: CollectConfig, provenance: dict[str, str], number: int) -> str:
+    """Of the bag that begins with episode `number`."""
+    return f'{provenance.get("driver", "driver")}_{episode_route(config, number).seed:06d}'
 
 
 def _episode(

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from raw2drive_ros.contracts.errors import UnknownDriverError
+from raw2drive_ros.contracts.near_names import unknown_name
 
 if TYPE_CHECKING:
     from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
@@ -29,11 +30,14 @@ class DriverOptions:
 
 @dataclass(frozen=True, slots=True)
 class DriverEntry:
-    """about: one line for people. table: its commands are actions of the policy's table."""
+    """about: one line for people. table: its commands are actions of the policy's table. reads: names of the
+    `DriverOptions` that it reads. cameras: it sees the camera images."""
 
     make: Callable[[DriverOptions], EpisodeDriver]
     about: str
     table: bool = False
+    reads: tuple[str, ...] = ()
+    cameras: bool = False
 
 
 def _raw(options: DriverOptions) -> EpisodeDriver:
@@ -94,10 +98,18 @@ def _random(options: DriverOptions) -> EpisodeDriver:
 
 
 DRIVERS = {
-    'raw': DriverEntry(_raw, 'the raw policy on cameras, IMU, odometry and route', table=True),
-    'privileged': DriverEntry(_privileged, 'the stage-1 policy on BEV masks', table=True),
+    'raw': DriverEntry(
+        _raw,
+        'the raw policy on cameras, IMU, odometry and route',
+        table=True,
+        reads=('bundle', 'threads'),
+        cameras=True,
+    ),
+    'privileged': DriverEntry(
+        _privileged, 'the stage-1 policy on BEV masks', table=True, reads=('run', 'noise', 'threads')
+    ),
     'expert': DriverEntry(_expert, 'tries its plans out in forks of the simulation'),
-    'rule': DriverEntry(_rule, 'rules on the simulation: leaders, conflicts, lights, signs'),
+    'rule': DriverEntry(_rule, 'rules on the simulation: leaders, conflicts, lights, signs', reads=('noise',)),
     'idm': DriverEntry(_idm, 'IDM and MOBIL on the simulation'),
     'constant': DriverEntry(_constant, 'a constant speed along the route, whatever is ahead'),
     'straight': DriverEntry(_straight, 'gentle throttle, wheel straight'),
@@ -116,10 +128,15 @@ def driver_list() -> str:
     return 'drivers:\n' + '\n'.join(f'  {name:11s} {entry.about}' for name, entry in DRIVERS.items())
 
 
+def driver_entry(name: str) -> DriverEntry:
+    """The driver of that name. Raises UnknownDriverError."""
+    if name not in DRIVERS:
+        raise UnknownDriverError(unknown_name('driver', name, DRIVER_NAMES))
+    return DRIVERS[name]
+
+
 def make_driver(
     name: str, bundle: Path | None = None, run: Path | None = None, noise: float = 0.0, threads: int = 1
 ) -> EpisodeDriver:
     """A driver by name; see `DriverOptions`. Raises UnknownDriverError, BundleError or CheckpointError."""
-    if name not in DRIVERS:
-        raise UnknownDriverError(f'unknown driver {name!r}; known: {", ".join(DRIVER_NAMES)}')
-    return DRIVERS[name].make(DriverOptions(bundle, run, noise, threads))
+    return driver_entry(name).make(DriverOptions(bundle, run, noise, threads))

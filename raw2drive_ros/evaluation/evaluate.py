@@ -4,9 +4,12 @@ evaluation does not drive it again."""
 from __future__ import annotations
 
 import multiprocessing
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,6 +23,15 @@ from raw2drive_ros.evaluation.results import RowsFile, filmstrip_path, header_of
 from raw2drive_ros.evaluation.statistics import summarise, timing_of
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
+
+
+class EvaluationInterrupted(KeyboardInterrupt):
+    """Ctrl-C during an evaluation. result: what it would have returned for what was driven; None for nothing."""
+
+    def __init__(self, result: Any) -> None:
+        super().__init__()
+        self.result = result
+
 
 OnRoute = Callable[[int, RouteResult], None]
 
@@ -115,18 +127,43 @@ def evaluate(
     """Drive all routes; returns what `summarise` returns.
 
     lines: a results file. Its header record says that nothing is finished yet; routes that have a row in it are not
-    driven again. Raises ResultsError as `RowsFile` does.
+    driven again. Raises ResultsError as `RowsFile` does, and EvaluationInterrupted at Ctrl-C.
     """
     conditions = conditions or Conditions()
     compat = conditions.bench2drive_compat
     file = RowsFile(lines, header_of(spec.identity(), suite, version, routes, bench2drive_compat=compat))
     tick_ms: list[float] = []
     jobs = [route for route in routes if route not in file.rows]
-    for result, times in _driven(spec, conditions, jobs, workers):
-        tick_ms += times
-        file.add(result)
-        on_route(len(file.rows), result)
+    with interruptible(spec.name, suite, version, file, tick_ms):
+        for result, times in _driven(spec, conditions, jobs, workers):
+            tick_ms += times
+            file.add(result)
+            on_route(len(file.rows), result)
     return summarise(spec.name, suite, version, routes, list(file.rows.values()), timing_of(tick_ms))
+
+
+@contextmanager
+def interruptible(name: str, suite: str, version: str, file: RowsFile, tick_ms: list[float]) -> Iterator[None]:
+    """Turns Ctrl-C in the block into EvaluationInterrupted, with a summary of the rows that the file has by then."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        rows = list(file.rows.values())
+        so_far = summarise(name, suite, version, list(file.rows), rows, timing_of(tick_ms)) if rows else None
+        raise EvaluationInterrupted(so_far) from stop
+
+
+@contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Processes that are started in the block ignore Ctrl-C: the one that started them ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _driven(
@@ -139,5 +176,7 @@ def _driven(
         return
     # Spawned, not forked: torch's threads do not survive a fork. `imap` keeps the order of the routes, so that the file
     # does not depend on the number of workers.
-    with multiprocessing.get_context('spawn').Pool(workers, _start_worker, (spec, conditions)) as pool:
+    with without_interrupts():
+        pool = multiprocessing.get_context('spawn').Pool(workers, _start_worker, (spec, conditions))
+    with pool:
         yield from pool.imap(_work, jobs)

@@ -15,6 +15,7 @@ import cv2
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.monitor_config import load_monitor_config
 from raw2drive_ros.driving.raw_planner import RawPlanner
+from raw2drive_ros.evaluation.evaluate import EvaluationInterrupted, without_interrupts
 from raw2drive_ros.evaluation.faulty_drive import drive_with_faults
 from raw2drive_ros.faults.injector import Injector
 from raw2drive_ros.faults.plan import Fault, load_plans
@@ -55,21 +56,29 @@ class FaultMatrix:
     def drive(self, jobs: list[Job], on_drive: Callable[[int, str], None]) -> list[Row]:
         """One summary per plan, in the order of the plans. on_drive: gets the number of drives done and the last plan.
 
-        Raises BundleError before any process starts.
+        Raises BundleError before any process starts, EvaluationInterrupted at Ctrl-C.
         """
         load_bundle(self.bundle)
         rows: list[Row] = []
         setup = (self.bundle, self.threads)
-        with multiprocessing.get_context('spawn').Pool(self.workers, _start, setup) as pool:
-            for row in pool.imap(_drive, jobs):
-                rows.append(row)
-                on_drive(len(rows), row['plan'])
+        with without_interrupts():
+            pool = multiprocessing.get_context('spawn').Pool(self.workers, _start, setup)
+        try:
+            with pool:
+                for row in pool.imap(_drive, jobs):
+                    rows.append(row)
+                    on_drive(len(rows), row['plan'])
+        except KeyboardInterrupt as stop:
+            raise EvaluationInterrupted(self._finish(rows) if rows else None) from stop
+        return self._finish(rows)
+
+    def _finish(self, rows: list[Row]) -> list[Row]:
+        """Write the rows and summarise them by plan."""
         if self.lines:
             self.lines.parent.mkdir(parents=True, exist_ok=True)
             self.lines.write_text(''.join(json.dumps(row) + '\n' for row in rows))
-        return [
-            summary(name, [row for row in rows if row['plan'] == name]) for name in dict.fromkeys(j.plan for j in jobs)
-        ]
+        plans = dict.fromkeys(row['plan'] for row in rows)
+        return [summary(name, [row for row in rows if row['plan'] == name]) for name in plans]
 
 
 def summary(plan: str, rows: list[Row]) -> Row:

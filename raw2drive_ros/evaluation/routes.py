@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from raw2drive_ros.contracts.errors import UnknownScenarioError
+from raw2drive_ros.contracts.near_names import unknown_name
 from raw2drive_ros.simulation.route_id import NUMBER, RouteId
 from raw2drive_ros.simulation.scenario import load_scenarios
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
@@ -27,7 +28,8 @@ def routes_of(name: str, seeds: int, first_seed: int = 0, weather: str = CLEAR) 
         elif match or by_ability:
             chosen += match or by_ability
         else:
-            raise UnknownScenarioError(f'unknown routes {part!r}; use all, an ability, or one of: {", ".join(known)}')
+            abilities = {ability for found in known.values() for ability in found.abilities}
+            raise UnknownScenarioError(unknown_name('routes', part, ['all', *sorted(abilities), *known]))
     return [
         RouteId(scenario, seed, get_weather(weather).name)
         for scenario in dict.fromkeys(chosen)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from raw2drive_ros.contracts.errors import UnfairScenarioError, UnknownScenarioError, UnknownSuiteError
+from raw2drive_ros.contracts.near_names import unknown_name
 from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.expert import Plan, follow, hits
 from raw2drive_ros.settings import params_folder
@@ -84,6 +85,11 @@ def suite_folder() -> Path:
     return params_folder() / 'suites'
 
 
+def suite_names() -> list[str]:
+    """Names of the shipped suites."""
+    return sorted(path.stem for path in suite_folder().glob('*.json'))
+
+
 def load_suite(name: str) -> Suite:
     """A shipped suite, or the file at path `name`. Raises UnknownSuiteError."""
     path = Path(name) if name.endswith('.json') else suite_folder() / f'{name}.json'
@@ -92,8 +98,8 @@ def load_suite(name: str) -> Suite:
         routes = tuple(RouteId.parse(f'{kind}/{rest}') for kind, places in body['routes'].items() for rest in places)
         suite = Suite(str(body['name']), str(body['version']), routes)
     except FileNotFoundError as error:
-        known = ', '.join(sorted(p.stem for p in suite_folder().glob('*.json')))
-        raise UnknownSuiteError(f'unknown suite {name!r}; known: {known}, or the path of a .json file') from error
+        text = unknown_name('suite', name, suite_names(), ', or the path of a .json file')
+        raise UnknownSuiteError(text) from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UnknownSuiteError(f'{path}: not a suite: {type(error).__name__}: {error}') from error
     for kind in {route.type for route in suite.routes}:

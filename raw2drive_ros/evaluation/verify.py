@@ -9,20 +9,18 @@ from typing import Any
 
 from msg_adapters.commands import decision_from_message
 from msg_adapters.factory import RosbagsFactory
-from msg_adapters.named_values import named_values_from_message
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import BagError
+from raw2drive_ros.contracts.errors import BagError, ContractError
 from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
-from raw2drive_ros.driving.raw_driver import FORGET_AFTER_S, RawDriver
+from raw2drive_ros.driving.continuity import follows
+from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.recording.bag_info import provenance_of
-from raw2drive_ros.recording.bag_reader import BagTick, decoded, messages_in, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag
 from raw2drive_ros.recording.line_reader import AnyReader, time_lines
-from raw2drive_ros.tables.rates import DECISION_NS
+from raw2drive_ros.recording.ticks import BagTick, read_ticks
 
 FIELDS = ('throttle', 'brake', 'steer', 'reverse')
-# Named value of a proposal: 1, 2, 3 ... within a planner's process. Bags of older versions have none.
-SEQUENCE = 'sequence'
 # Ticks without a recorded decision that are kept: if the decisions are found to be lost, their belief has to advance.
 MAX_WAITING = 50
 
@@ -50,35 +48,38 @@ class Verification:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What was proposed for a stamp. first, last: its counters, more than one where the planner repeated itself; None
-    in bags that hold none."""
+    """What was proposed for a stamp. first, last: its counters (1, 2, 3 ... within a planner's process), more than one
+    where the planner repeated itself; None in bags of older versions, which hold none."""
 
     control: Control
     first: int | None
     last: int | None
 
 
-def _proposals(reader: AnyReader) -> dict[int, Proposal]:
-    """stamp -> proposal."""
+def _proposals(reader: AnyReader) -> tuple[dict[int, Proposal], int]:
+    """(stamp -> proposal, number of messages that are no proposal: values that are not finite, missing names)."""
     factory = RosbagsFactory()
     found: dict[int, Proposal] = {}
+    refused = 0
     connections = [c for c in reader.connections if c.topic == topics.PROPOSED]
     # An empty list of connections would select all of them.
     for connection, _, data in messages_in(reader, connections=connections) if connections else ():
-        message = decoded(factory, reader, connection, data)
-        decision = decision_from_message(message)
-        counter = named_values_from_message(message).get(SEQUENCE)
-        number = int(counter) if counter is not None and counter >= 1 else None
+        try:
+            decision = decision_from_message(decoded(factory, reader, connection, data))
+        except ContractError:
+            refused += 1
+            continue
+        number = decision.sequence or None
         before = found.get(decision.stamp_ns)
         first = before.first if before is not None and before.first is not None else number
         found[decision.stamp_ns] = Proposal(decision.control, first, number)
-    return found
+    return found, refused
 
 
 def recorded_proposals(bag: Path) -> dict[int, Control]:
     """stamp -> control of every proposal in a bag. Raises BagError when it has none."""
     with open_bag(bag) as reader:
-        found = _proposals(reader)
+        found, _ = _proposals(reader)
     if not found:
         raise BagError(f'{bag}: has no {topics.PROPOSED}; record a drive of the raw policy')
     return {stamp_ns: proposal.control for stamp_ns, proposal in found.items()}
@@ -93,6 +94,7 @@ class _Tally:
     changed: int = 0
     lost: int = 0
     not_compared: int = 0
+    refused: int = 0
     differences: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in FIELDS})
     first: dict[str, Any] | None = None
 
@@ -188,10 +190,11 @@ class _Follower:
         if self.decided is None:
             return certain and (recorded.first in (None, 1) or self.afresh)
         if certain:
-            gap_s = (tick.stamp_ns - self.decided.stamp_ns) * 1e-9
-            return tick.route.stamp_ns != self.decided.route.stamp_ns or gap_s > FORGET_AFTER_S
-        follows = self.before is not None and tick.stamp_ns - self.before.stamp_ns <= 1.5 * DECISION_NS
-        return follows and self.before is not None and tick.route.stamp_ns != self.before.route.stamp_ns
+            new_route = tick.route.stamp_ns != self.decided.route.stamp_ns
+            return new_route or not follows(self.decided.stamp_ns, tick.stamp_ns)
+        before = self.before
+        continues = before is not None and follows(before.stamp_ns, tick.stamp_ns)
+        return continues and before is not None and tick.route.stamp_ns != before.route.stamp_ns
 
     def _drive(self, tick: BagTick) -> Decision:
         return self.driver.drive(SensorFrame(tick.stamp_ns, tick.images, tick.imu, tick.odometry), tick.route)
@@ -204,10 +207,11 @@ def verify_bag(bag: Path, bundle: Path) -> Verification:
     with open_bag(bag) as reader:
         lines = time_lines(reader)
         proposals = [_proposals(line) for line in lines]
-        if not any(proposals):
+        tally.refused = sum(refused for _, refused in proposals)
+        if not any(found for found, _ in proposals):
             raise BagError(f'{bag}: has no {topics.PROPOSED}; record a drive of the raw policy')
         went_back = provenance_of(bag).get('began', '').startswith('time went back')
-        for number, (line, found) in enumerate(zip(lines, proposals, strict=True)):
+        for number, (line, (found, _)) in enumerate(zip(lines, proposals, strict=True)):
             # A planner starts anew when time goes back.
             follower = _Follower(driver, found, tally, afresh=went_back or number > 0)
             for tick in read_ticks(line, bag, cameras=True, privileged=False):
@@ -235,6 +239,8 @@ def _text(tally: _Tally, differing: dict[str, int], mean: dict[str, float], driv
         rest += f'; lost {tally.lost} proposals: they were made and are not in the bag'
     if tally.not_compared:
         rest += f'; {tally.not_compared} decisions not compared: what the planner knew at them is not in the bag'
+    if tally.refused:
+        rest += f'; {tally.refused} messages on {topics.PROPOSED} are no proposals'
     if drives > 1:
         rest += f'; time goes back in this bag: {drives} drives, each by itself'
     if not tally.compared:

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import ConfigError
+from raw2drive_ros.contracts.near_names import did_you_mean, unknown_name
 from raw2drive_ros.settings import Strict, load_strict, params_folder
 
 Kind = Literal[
@@ -65,7 +66,8 @@ class Fault(Strict):
     def _fits(self) -> Fault:
         hit = [spec for spec in topics.TOPICS if fnmatchcase(spec.name, self.topic)]
         if not hit:
-            raise ValueError(f'no topic is called {self.topic!r}')
+            near = did_you_mean(self.topic, [spec.name for spec in topics.TOPICS if not spec.privileged])
+            raise ValueError(f'no topic is called {self.topic!r}{near}')
         if any(spec.privileged for spec in hit):
             raise ValueError(f'{self.topic!r} covers a privileged topic, which no planner hears')
         if self.amount is not None and AMOUNTS[self.kind] is None:
@@ -109,9 +111,17 @@ def load_plans(name: str) -> FaultPlans:
         folder = params_folder() / 'faults'
         path = folder / f'{name}.yaml'
         if not path.is_file():
-            known = ', '.join(sorted(p.stem for p in folder.glob('*.yaml')))
-            raise ConfigError(f'unknown fault plans {name!r}; known: {known}; or give a .yaml file')
+            known = sorted(p.stem for p in folder.glob('*.yaml'))
+            raise ConfigError(unknown_name('fault plans', name, known, '; or give a .yaml file'))
     return load_strict(FaultPlans, path)
+
+
+def load_plan(plans: str, plan: str) -> list[Fault]:
+    """The faults of one plan of a file of plans, see `load_plans`. Raises ConfigError."""
+    known = load_plans(plans).plans
+    if plan not in known:
+        raise ConfigError(unknown_name('plan', plan, known, f' (plans of {plans})'))
+    return known[plan]
 
 
 def touched_topics(faults: list[Fault]) -> list[str]:

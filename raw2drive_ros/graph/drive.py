@@ -168,6 +168,7 @@ def evaluate_graph(
     on_route: Callable[[int, RouteResult], None],
 ) -> dict[str, Any]:
     """`evaluate`, but through the graph: the raw driver in the planner node, others as the bridge's sim driver."""
+    from raw2drive_ros.evaluation.evaluate import interruptible
     from raw2drive_ros.evaluation.results import RowsFile, header_of
     from raw2drive_ros.evaluation.statistics import summarise, timing_of
     from raw2drive_ros.graph.processes import reserve_domain
@@ -194,5 +195,6 @@ def evaluate_graph(
                 record=False,
                 bench2drive_compat=conditions.bench2drive_compat,
             )
-            timing = drive_graph(job, domain, on_row=on_row)[1]
+            with interruptible(spec.name, suite, version, file, []):
+                timing = drive_graph(job, domain, on_row=on_row)[1]
     return summarise(spec.name, suite, version, routes, list(file.rows.values()), timing)

@@ -63,7 +63,7 @@ class RecorderNode(Node):
         self.p = p
         self.losses = LossCounter()
         self.failed = ''
-        self.clock_ns = 0
+        self.clock_ns = self.arrival_ns = 0
         self.provenance = json.loads(p['provenance'])
         self.ring = RingBuffer(p['snapshot_s']) if p['snapshot_s'] else None
         self.recording: Recording | None = None
@@ -98,7 +98,7 @@ class RecorderNode(Node):
                 stamp_ns = self.clock_ns
             if self.ring is not None:
                 # Age in simulated time where there is one: lock-step is faster or slower than the wall clock.
-                self.ring.add(topic, stamp_ns, data, self.clock_ns or time.monotonic_ns(), received_ns)
+                self.ring.add(topic, stamp_ns, data, self.clock_ns or self._arrival_ns(received_ns), received_ns)
                 if topic == topics.DIAGNOSTICS:
                     self._watch_gate(data)
                 return
@@ -110,6 +110,12 @@ class RecorderNode(Node):
                 self._fail(error)
 
         return callback
+
+    def _arrival_ns(self, received_ns: int) -> int:
+        """When it was received, on the steady clock: while a snapshot is written, messages wait for seconds."""
+        waited_ns = max(0, time.time_ns() - received_ns)
+        self.arrival_ns = max(self.arrival_ns, time.monotonic_ns() - waited_ns)
+        return self.arrival_ns
 
     def _flush(self) -> None:
         if self.recording is not None and not self.failed:

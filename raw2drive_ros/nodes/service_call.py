@@ -17,6 +17,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
 
 from raw2drive_ros.contracts.errors import NodeError
+from raw2drive_ros.contracts.near_names import did_you_mean
 from raw2drive_ros.nodes.parameters import declare
 from raw2drive_ros.nodes.runtime import run_node
 
@@ -93,8 +94,9 @@ class ServiceCallNode(Node):
                     raise NodeError(f'{service} is a {types[0]}; only {", ".join(TYPES)} can be called')
                 return types[0]
             self.executor_.spin_once(timeout_sec=0.1)
-        known = ', '.join(sorted(self._callable())) or 'none at all: is a graph running, is --domain its own?'
-        raise NodeError(f'no service {service} in this domain; there are: {known}')
+        known = sorted(self._callable())
+        there = ', '.join(known) or 'none at all: is a graph running, is --domain its own?'
+        raise NodeError(f'no service {service} in this domain{did_you_mean(service, known) or ";"} there are: {there}')
 
     def _request(self, type_name: str) -> Any:
         argument = self.p['argument']

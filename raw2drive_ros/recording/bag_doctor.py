@@ -10,14 +10,17 @@ from msg_adapters.factory import RosbagsFactory
 from msg_adapters.stamps import stamp_ns
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagError
+from raw2drive_ros.contracts.verdicts import Verdicts
+from raw2drive_ros.driving.continuity import GAP_PERIODS
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import decoded, messages_in, open_bag, read_calibrations, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag, read_calibrations
 from raw2drive_ros.recording.clock_doctor import clock_complaints
+from raw2drive_ros.recording.ticks import TickCounts, checked, checked_messages, read_advice, read_ticks
 
 Severity = Literal['error', 'warning', 'note']
 ORDER = ('error', 'warning', 'note')
-# Gaps of more periods than this are reported.
-GAP_PERIODS = 3.5
+# Gaps of more periods of a topic than this are reported. Between ticks, `continuity` says what is a gap.
+SILENT_PERIODS = 3.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,42 +73,81 @@ def _rates(rows: dict[str, dict]) -> list[Complaint]:
         spec = topics.BY_NAME.get(name)
         if spec is None or not spec.rate_hz or row['messages'] < 3:
             continue
-        if row['largest_gap_s'] > GAP_PERIODS / spec.rate_hz:
+        if row['largest_gap_s'] > SILENT_PERIODS / spec.rate_hz:
             text = f'{name}: a gap of {row["largest_gap_s"]:.2f} s at {spec.rate_hz:g} Hz'
             found.append(Complaint('warning', text, 'was the recorder overloaded, or the sensor silent?'))
     return found
 
 
 def _ticks(path: Path, rows: dict[str, dict]) -> list[Complaint]:
-    """Problems that the readers of training and replay find."""
+    """Problems that the readers of training and replay find, with their own verdicts and counts."""
     found = []
     cameras = [name for name in rows if name.startswith('/sensing/camera/') and '/image_raw' in name]
-    privileged = {topics.BEV, topics.EGO, topics.TRANSITION} <= set(rows)
+    held = {topics.BEV, topics.EGO, topics.TRANSITION} & set(rows)
+    privileged, counts, factory = len(held) == 3, TickCounts(), RosbagsFactory()
     try:
         with open_bag(path) as reader:
-            count = sum(1 for _ in read_ticks(reader, path, cameras=bool(cameras), privileged=privileged))
-            calibrated = len(read_calibrations(reader, RosbagsFactory()))
+            read_advice(reader, factory, counts.verdicts)
+            for topic, _, message in checked_messages(reader, factory, set() if privileged else held, counts.verdicts):
+                checked(topic, message, counts.verdicts)
+            calibrated = len(read_calibrations(reader, factory))
+            for _ in read_ticks(reader, path, cameras=bool(cameras), privileged=privileged, counts=counts):
+                pass
     except Exception as error:
-        return [Complaint('error', f'cannot be turned into ticks: {error}', f'raw2drive bag recover {path} --out NEW')]
-    expected = max((rows[name]['messages'] for name in cameras), default=0)
-    if expected > count:
-        text = f'{expected - count} of {expected} ticks are incomplete'
-        found.append(Complaint('warning', text, 'a camera, IMU or odometry message of them is missing'))
+        # Damaged files raise all kinds of errors.
+        remedy = 'record again' if counts.verdicts.unusable() else f'raw2drive bag recover {path} --out NEW'
+        found.append(Complaint('error', f'cannot be turned into ticks: {error}', remedy))
+        calibrated = len(cameras)
+    found += [
+        Complaint('warning', line, 'left out, and its tick with it; docs/topics.md says what belongs there')
+        for line in counts.verdicts.lines()
+    ]
+    found += _losses(counts)
     if cameras and calibrated < len({name.split('/')[3] for name in cameras}):
         found.append(Complaint('warning', 'not every camera has its calibration', 'record camera_info and extrinsics'))
     found += _out_of_order(path)
     return found
 
 
+def _losses(counts: TickCounts) -> list[Complaint]:
+    """What of the drive is not in the ticks, and where sequences are cut for it."""
+    said = [
+        (
+            counts.incomplete,
+            f'{counts.incomplete} of {counts.ticks + counts.incomplete} ticks are incomplete',
+            'a camera, IMU, odometry or privileged message of them is missing or refused',
+        ),
+        (
+            counts.without_route,
+            f'{counts.without_route} ticks have no route of their episode',
+            f'was {topics.ROUTE} lost?',
+        ),
+        (counts.missing, f'{counts.missing} ticks are missing as a whole', 'was the recorder overloaded?'),
+        (
+            counts.cuts,
+            f'{counts.cuts} gaps of more than {GAP_PERIODS:g} periods, or incomplete ticks: sequences are cut there',
+            'training and driver begin anew behind each',
+        ),
+        (
+            counts.begins_lost + counts.ends_lost,
+            f'{counts.begins_lost} first and {counts.ends_lost} last or terminal ticks of episodes are lost',
+            'training does not see these beginnings and ends',
+        ),
+        (counts.back, f'time goes back {counts.back} times', 'record drives into bags of their own'),
+    ]
+    return [Complaint('warning', text, remedy) for count, text, remedy in said if count]
+
+
 def _out_of_order(path: Path) -> list[Complaint]:
-    factory, last, backwards = RosbagsFactory(), {}, {}
+    last: dict[str, int] = {}
+    backwards: dict[str, int] = {}
     with open_bag(path) as reader:
-        wanted = [c for c in reader.connections if c.topic in (topics.IMU, topics.ODOMETRY)]
-        for connection, _, data in messages_in(reader, connections=wanted):
-            stamp = stamp_ns(decoded(factory, reader, connection, data).header.stamp)
-            if stamp < last.get(connection.topic, stamp):
-                backwards[connection.topic] = backwards.get(connection.topic, 0) + 1
-            last[connection.topic] = stamp
+        messages = checked_messages(reader, RosbagsFactory(), {topics.IMU, topics.ODOMETRY}, Verdicts())
+        for topic, _, message in messages:
+            stamp = stamp_ns(message.header.stamp)
+            if stamp < last.get(topic, stamp):
+                backwards[topic] = backwards.get(topic, 0) + 1
+            last[topic] = stamp
     return [
         Complaint('warning', f'{topic}: {count} stamps go backwards', 'do several publishers share the topic?')
         for topic, count in backwards.items()

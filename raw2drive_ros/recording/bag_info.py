@@ -16,10 +16,12 @@ from raw2drive_ros.recording.bag_reader import bag_folder, begin_ns, decoded, me
 
 
 def bag_info(path: Path) -> dict[str, Any]:
-    """Reads every message's stamp once. Raises BagError."""
+    """Reads every message's stamp once. refused: transitions that break their contract, and are left out. Raises
+    BagError."""
     factory = RosbagsFactory()
     stamps: dict[str, list[int]] = {}
     episodes: list[str] = []
+    refused: list[str] = []
     begun = -1
     with open_bag(path) as reader:
         types = {c.topic: c.msgtype for c in reader.connections}
@@ -28,8 +30,9 @@ def bag_info(path: Path) -> dict[str, Any]:
             if connection.topic == topics.TRANSITION:
                 try:
                     step, episode = transition_from_message(decoded(factory, reader, connection, data))
-                except ContractError as error:
-                    raise BagError(f'{path}: {topics.TRANSITION}: {error}') from error
+                except (ContractError, BagError) as error:
+                    refused.append(f'{topics.TRANSITION} at {stamp} ns: {error}')
+                    continue
                 # A first tick that the bridge resent is not a second beginning.
                 if step.is_first and stamp != begun:
                     begun = stamp
@@ -60,6 +63,7 @@ def bag_info(path: Path) -> dict[str, Any]:
         'provenance': custom,
         'topics': rows,
         'episodes': episodes,
+        'refused': refused,
     }
 
 

@@ -1,30 +1,19 @@
-"""Reading bags with clear errors, and turning them back into ticks."""
+"""Reading bags with clear errors. Their ticks: `recording.ticks`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from rosbags.rosbag2 import Reader
 
-from msg_adapters.compressed import image_from_compressed_message
 from msg_adapters.factory import RosbagsFactory
-from msg_adapters.privileged import advice_from_message, privileged_from_messages, transition_from_message
-from msg_adapters.sensors import (
-    calibration_from_messages,
-    image_from_message,
-    imu_from_message,
-    odometry_from_message,
-    route_from_message,
-)
-from msg_adapters.stamps import stamp_ns
+from msg_adapters.sensors import calibration_from_messages
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import BagError
-from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
-from raw2drive_ros.contracts.public import CameraCalibration, Image8, ImuSample, OdometrySample, Route
+from raw2drive_ros.contracts.errors import BagError, ContractError
+from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.recording.stamped_mcap import StampedReader
 
 # Files of a bag, each of which may be given in place of its folder.
@@ -135,113 +124,24 @@ def require_topics(reader: Reader, path: Path, wanted: list[str], purpose: str) 
         )
 
 
-@dataclass(slots=True)
-class BagTick:
-    """One decision tick read back from a bag; cameras only where the bag has them."""
-
-    stamp_ns: int
-    images: dict[str, Image8]
-    imu: ImuSample
-    odometry: OdometrySample
-    route: Route
-    privileged: PrivilegedFrame | None
-    transition: Transition | None
-    episode: str
-
-
 def read_calibrations(reader: Reader, factory: RosbagsFactory) -> tuple[CameraCalibration, ...]:
-    """The cameras of a bag in the order of `topics.CAMERAS`, those that it has."""
-    first: dict[str, Any] = {}
-    wanted = {topics.camera_info_topic(c) for c in topics.CAMERAS} | {
-        topics.extrinsics_topic(c) for c in topics.CAMERAS
-    }
-    connections = [c for c in reader.connections if c.topic in wanted]
-    for connection, _, data in messages_in(reader, connections=connections):
-        if connection.topic not in first:
-            first[connection.topic] = decoded(factory, reader, connection, data)
-            if len(first) == len(connections):
-                break
-    return tuple(
-        calibration_from_messages(
-            camera, first[topics.camera_info_topic(camera)], first[topics.extrinsics_topic(camera)]
-        )
-        for camera in topics.CAMERAS
-        if topics.camera_info_topic(camera) in first and topics.extrinsics_topic(camera) in first
-    )
-
-
-def read_advice(reader: Reader, factory: RosbagsFactory) -> dict[int, int]:
-    """stamp -> the expert's action there, in bags that hold it."""
-    connections = [c for c in reader.connections if c.topic == topics.ADVICE]
-    if not connections:
-        return {}
-    messages = messages_in(reader, connections=connections)
-    return dict(advice_from_message(decoded(factory, reader, c, data)) for c, _, data in messages)
-
-
-def camera_topics(reader: Reader) -> dict[str, str]:
-    """topic -> camera for every camera that the bag holds: its raw topic, or else its compressed one."""
-    present = {connection.topic for connection in reader.connections}
-    found = {}
-    for camera in topics.CAMERAS:
-        for topic in (topics.image_topic(camera), topics.compressed_topic(camera)):
-            if topic in present:
-                found[topic] = camera
-                break
-    return found
-
-
-def _image(topic: str, message: Any) -> Image8:
-    return image_from_compressed_message(message) if topics.BY_NAME[topic].optional else image_from_message(message)
-
-
-def read_ticks(reader: Reader, path: Path, *, cameras: bool, privileged: bool = True) -> Iterator[BagTick]:
-    """Decision ticks in time order. A tick is complete when its last expected message has arrived."""
-    factory = RosbagsFactory()
-    image_topics = camera_topics(reader) if cameras else {}
-    wanted = set(image_topics) | {topics.IMU, topics.ODOMETRY, topics.ROUTE}
-    if privileged:
-        wanted |= {topics.BEV, topics.EGO, topics.TRANSITION}
-    connections = [c for c in reader.connections if c.topic in wanted]
-    route: Route | None = None
-    last_ns = -1
-    imus: dict[int, ImuSample] = {}
-    odometries: dict[int, OdometrySample] = {}
-    pending: dict[int, dict[str, Any]] = {}
-    needed = len(image_topics) + (3 if privileged else 0)
-    try:
-        for connection, _, data in messages_in(reader, connections=connections):
-            topic = connection.topic
-            message = decoded(factory, reader, connection, data)
-            if topic == topics.ROUTE:
-                route = route_from_message(message)
-                continue
-            stamp = stamp_ns(message.header.stamp)
-            if stamp <= last_ns:
-                # A tick that the bridge resent.
-                continue
-            if topic == topics.IMU:
-                imus[stamp] = imu_from_message(message)
-            elif topic == topics.ODOMETRY:
-                odometries[stamp] = odometry_from_message(message)
-            else:
-                pending.setdefault(stamp, {})[topic] = message
-            # Messages of one stamp come in any order: whichever is last completes the tick.
-            parts = pending.get(stamp, {})
-            if route is None or len(parts) < needed or stamp not in imus or stamp not in odometries:
-                continue
-            del pending[stamp]
-            last_ns = stamp
-            images = {image_topics[t]: _image(t, m) for t, m in parts.items() if t in image_topics}
-            frame, transition, episode = None, None, ''
-            if privileged:
-                frame = privileged_from_messages(parts[topics.BEV], parts[topics.EGO])
-                transition, episode = transition_from_message(parts[topics.TRANSITION])
-            yield BagTick(stamp, images, imus[stamp], odometries[stamp], route, frame, transition, episode)
-            imus = {s: v for s, v in imus.items() if s > stamp}
-            odometries = {s: v for s, v in odometries.items() if s > stamp}
-            pending = {s: v for s, v in pending.items() if s > stamp}
-    except BagError:
-        raise
-    except Exception as error:
-        raise BagError(f'{path}: damaged after {reader.message_count} messages were promised: {error}') from error
+    """The cameras of a bag in the order of `topics.CAMERAS`, those of which it has a usable calibration: the first."""
+    found: dict[str, CameraCalibration] = {}
+    newest: dict[str, Any] = {}
+    camera_of = {topic(c): c for c in topics.CAMERAS for topic in (topics.camera_info_topic, topics.extrinsics_topic)}
+    connections = [c for c in reader.connections if c.topic in camera_of]
+    cameras = {camera_of[c.topic] for c in connections}
+    for connection, _, data in messages_in(reader, connections=connections) if connections else ():
+        camera = camera_of[connection.topic]
+        if camera in found:
+            continue
+        with suppress(BagError):
+            newest[connection.topic] = decoded(factory, reader, connection, data)
+        info, pose = newest.get(topics.camera_info_topic(camera)), newest.get(topics.extrinsics_topic(camera))
+        if info is not None and pose is not None:
+            # What the planner refuses, `recording.ticks` refuses and counts too.
+            with suppress(ContractError):
+                found[camera] = calibration_from_messages(camera, info, pose)
+        if len(found) == len(cameras):
+            break
+    return tuple(found[camera] for camera in topics.CAMERAS if camera in found)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from msg_adapters.commands import SEQUENCE
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.named_values import named_values_from_message
 from raw2drive_ros.contracts import topics
@@ -21,8 +22,6 @@ from raw2drive_ros.recording.time_lines import NEAR_NS, SOURCES, TimeLines, stam
 
 # Severity, text, remedy: a `bag_doctor.Complaint`.
 Finding = tuple[str, str, str]
-# Named value of proposals and commands: 1, 2, 3 ... within a process.
-SEQUENCE = 'sequence'
 # A delay is told of these: of a proposal, that from the sensors' moment to its reception.
 TIMED = frozenset({*SOURCES, topics.PROPOSED})
 # More than this beyond the smallest delay, and simulated time does not run at the wall's pace.

@@ -44,9 +44,9 @@ def events_of(path: Path) -> list[Event]:
                 found.append(Event(passed_s, 'recorder', 'warning', 'time went back: another drive begins'))
             wanted = [c for c in line.connections if c.topic in (topics.DIAGNOSTICS, topics.TRANSITION)]
             for connection, stamp_ns, data in messages_in(line, connections=wanted) if wanted else ():
-                message = decoded(factory, reader, connection, data)
                 time_s = passed_s + (stamp_ns - begins_ns) * 1e-9
                 try:
+                    message = decoded(factory, reader, connection, data)
                     if connection.topic == topics.TRANSITION:
                         step, episode = transition_from_message(message)
                         # A first tick that the bridge resent is not a second beginning.
@@ -55,8 +55,9 @@ def events_of(path: Path) -> list[Event]:
                             found.append(Event(time_s, 'bridge', 'ok', f'{episode} begins'))
                         continue
                     statuses = diagnostics_from_message(message)
-                except ContractError as error:
-                    raise BagError(f'{path}: {connection.topic}: {error}') from error
+                except (ContractError, BagError) as error:
+                    found.append(Event(time_s, 'bag', 'warning', f'{connection.topic} refused: {error}'))
+                    continue
                 found += _changes(statuses, time_s, last)
             passed_s += (line.end_time - begins_ns) * 1e-9
     return found

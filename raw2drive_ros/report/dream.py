@@ -16,7 +16,8 @@ from torch import Tensor
 
 from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.contracts.errors import BagError
-from raw2drive_ros.recording.bag_reader import BagTick, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag
+from raw2drive_ros.recording.ticks import BagTick, read_ticks
 from raw2drive_ros.report.panels import FRAME, Rgb, canvas_of, mp4, put, text
 from raw2drive_ros.tables.bev_colours import colour_masks
 from raw2drive_ros.tables.rates import DECISION_HZ
@@ -46,7 +47,7 @@ class Dream:
 
 
 def ticks_around(bag: Path, at_s: float, seconds: float) -> tuple[list[BagTick], int]:
-    """(ticks of the episode that is running `at_s` after the bag's first tick, index of that moment among them).
+    """(ticks of the sequence that is running `at_s` after the bag's first tick, index of that moment among them).
 
     From `WARM_UP_S` before it to `seconds` after it. Raises BagError when no episode continues after that moment.
     """
@@ -57,10 +58,9 @@ def ticks_around(bag: Path, at_s: float, seconds: float) -> tuple[list[BagTick],
         for tick in read_ticks(reader, bag, cameras=False):
             first_ns = tick.stamp_ns if first_ns is None else first_ns
             after_s = (tick.stamp_ns - first_ns) * 1e-9
-            assert tick.transition is not None
-            if tick.transition.is_first and after_s <= at_s:
+            if tick.starts_segment and after_s <= at_s:
                 found.clear()
-            if after_s > at_s + seconds or (tick.transition.is_first and after_s > at_s):
+            if after_s > at_s + seconds or (tick.starts_segment and after_s > at_s):
                 break
             if begins < 0 and after_s >= at_s:
                 begins = len(found)
@@ -142,6 +142,16 @@ def _note(found: Dream, name: str, codec: MaskCodec, deep: Tensor, reward: float
     found.cont.setdefault(name, []).append(cont)
 
 
+def overlaps(found: Dream, name: str) -> dict[float, float]:
+    """Seconds after the first imagined tick -> overlap (IoU of all classes together) of `name`'s masks with the true
+    ones; name: posterior or imagined."""
+    after: dict[float, float] = {}
+    for index in range(found.begins, len(found.masks['truth'])):
+        true, seen = found.masks['truth'][index] > 0.5, found.masks[name][index] > 0.5
+        after[round((index - found.begins) / DECISION_HZ, 1)] = float((true & seen).sum() / max((true | seen).sum(), 1))
+    return after
+
+
 def save_dream(target: Path, found: Dream, classes: list[str]) -> Path:
     """An MP4 at half speed, from `SHOWN_BEFORE_S` before the first imagined tick on. Raises OSError."""
     first = max(0, found.begins - round(SHOWN_BEFORE_S * DECISION_HZ))
@@ -155,7 +165,11 @@ def save_dream(target: Path, found: Dream, classes: list[str]) -> Path:
 def _picture(found: Dream, classes: list[str], first: int, index: int) -> Rgb:
     canvas = canvas_of(*SIZE)
     dreaming = index >= found.begins
-    titles = {'truth': 'truth', 'posterior': 'posterior', 'imagined': 'imagined' if dreaming else ''}
+    moment = (index - found.begins) / DECISION_HZ
+    titles = {'truth': 'truth', 'posterior': 'posterior', 'imagined': ''}
+    if dreaming:
+        agrees = {name: overlaps(found, name)[round(moment, 1)] for name in ('posterior', 'imagined')}
+        titles |= {name: f'{name}, overlap with truth {share:.2f}' for name, share in agrees.items()}
     for column, (name, title) in enumerate(titles.items()):
         left, top = GAP + column * (SIDE + GAP), GAP + 20
         text(canvas, title, (left, GAP + 8))
@@ -164,8 +178,8 @@ def _picture(found: Dream, classes: list[str], first: int, index: int) -> Rgb:
         put(canvas, colour_masks(found.masks[name][index], classes), left, top, SIDE, SIDE, smooth=False)
         colour = RED if name == 'imagined' else GREEN if name == 'posterior' else FRAME
         cv2.rectangle(canvas, (left, top), (left + SIDE - 1, top + SIDE - 1), colour, BORDER)
-    moment = (index - found.begins) / DECISION_HZ
     text(canvas, f'{moment:+.1f} s', (SIZE[0] - 70, GAP + 8), colour=RED if dreaming else GREEN)
+    text(canvas, f'speed x{RATE / DECISION_HZ:g}', (SIZE[0] - 100, SIZE[1] - 6))
     top = 2 * GAP + 24 + SIDE
     _curves(canvas, 'reward', found.reward, first, index, top)
     _curves(canvas, 'continue', found.cont, first, index, top + PLOT_PX + 2 * GAP, (0.0, 1.05))

@@ -12,9 +12,11 @@ from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.public import Control, SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.raw_driver import RawDriver
-from raw2drive_ros.recording.bag_reader import BagTick, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag
+from raw2drive_ros.recording.ticks import BagTick, read_ticks
 from raw2drive_ros.report.panels import Rgb, canvas_of, mp4, plot_controls, put, put_mosaic, text
 from raw2drive_ros.tables.bev_colours import colour_masks
+from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 
 WIDTH, HEIGHT, RATE = 960, 640, 20
@@ -68,6 +70,7 @@ def _compose(tick: BagTick, truth: Rgb, belief: Rgb, history: list[Control]) -> 
         put(canvas, picture, left, top, BEV_PX, BEV_PX, smooth=False)
         text(canvas, title, (left, top - 8))
     plot_controls(canvas, history, 12 + 2 * (BEV_PX + 12) + 8, top)
+    text(canvas, f'speed x{RATE / DECISION_HZ:g}', (WIDTH - 90, top - 8))
     words = f'{tick.episode}   t {tick.stamp_ns * 1e-9:7.1f} s   {tick.odometry.speed_mps * 3.6:5.1f} km/h'
     text(canvas, words, (560, HEIGHT - 10))
     return canvas

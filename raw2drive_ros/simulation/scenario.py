@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from raw2drive_ros.contracts.errors import UnknownScenarioError
+from raw2drive_ros.contracts.near_names import unknown_name
 from raw2drive_ros.simulation.layout import RoadLayout
 from raw2drive_ros.simulation.scripts import Pacing, Script
 
@@ -211,9 +212,7 @@ def get_scenario(name: str) -> Scenario:
     """The scenario type registered as `name`. Raises UnknownScenarioError."""
     known = load_scenarios()
     if name not in known:
-        raise UnknownScenarioError(
-            f'unknown scenario {name!r}; known: {", ".join(known)} (see `raw2drive scenario list`)'
-        )
+        raise UnknownScenarioError(unknown_name('scenario', name, known, ' (see `raw2drive scenario list`)'))
     return known[name]
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from raw2drive_ros.contracts.errors import UnknownWeatherError
+from raw2drive_ros.contracts.near_names import unknown_name
 from raw2drive_ros.contracts.public import Float64
 
 # Range of the ego's headlights, and growth of the beam's half width per metre.
@@ -107,5 +108,5 @@ WEATHER_NAMES = tuple(WEATHERS)
 def get_weather(name: str) -> Weather:
     """The preset called `name`. Raises UnknownWeatherError."""
     if name not in WEATHERS:
-        raise UnknownWeatherError(f'unknown weather {name!r}; known: {", ".join(WEATHER_NAMES)}')
+        raise UnknownWeatherError(unknown_name('weather', name, WEATHER_NAMES))
     return WEATHERS[name]

@@ -84,7 +84,7 @@ class TrainConfig(Strict):
     @classmethod
     def _share_of_both(cls, given: Any) -> Any:
         """Runs of version 0.2 have one field, `share`, for both the RSSM and the decoder."""
-        return _with_both_shares(given) if isinstance(given, dict) else given
+        return with_both_shares(given) if isinstance(given, dict) else given
 
     @model_validator(mode='after')
     def _imagination_has_heads(self) -> TrainConfig:
@@ -116,7 +116,7 @@ class RunConfig(Strict):
         return torch.tensor(weights).repeat_interleave(self.model.patch**2)
 
 
-def _with_both_shares(given: dict[str, Any]) -> dict[str, Any]:
+def with_both_shares(given: dict[str, Any]) -> dict[str, Any]:
     """`share` as the two fields that it stands for; where one of them is given too, that one counts."""
     if 'share' not in given:
         return given
@@ -144,16 +144,18 @@ def read_run_config(run: Path) -> RunConfig:
 def make_config(preset: str, overrides: dict[str, Any] | None = None) -> RunConfig:
     """A preset with `train` fields replaced. Raises ConfigError that names the field."""
     raw = load_preset(preset)
-    return _checked(preset, raw['model'], raw.get('train', {}) | _with_both_shares(overrides or {}))
+    return _checked(preset, raw['model'], raw.get('train', {}) | with_both_shares(overrides or {}))
 
 
 def overridden(config: RunConfig, overrides: dict[str, Any]) -> RunConfig:
     """The same configuration with `train` fields replaced; the preset is not read again. Raises ConfigError."""
-    return _checked(config.preset, config.model.model_dump(), config.train.model_dump() | _with_both_shares(overrides))
+    return _checked(config.preset, config.model.model_dump(), config.train.model_dump() | with_both_shares(overrides))
 
 
 def _checked(preset: str, model: dict[str, Any], train: dict[str, Any]) -> RunConfig:
     try:
         return RunConfig(preset=preset, model=ModelConfig(**model), train=TrainConfig(**train))
     except ValidationError as error:
-        raise ConfigError(f'preset {preset}: {problems(error)}') from error
+        kinds: dict[str, type[Strict]] = {'TrainConfig': TrainConfig, 'ModelConfig': ModelConfig}
+        kind = kinds.get(error.title)
+        raise ConfigError(f'preset {preset}: {problems(error, kind)}') from error

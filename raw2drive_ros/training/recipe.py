@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import Field
 
 from raw2drive_ros.contracts.errors import ConfigError
+from raw2drive_ros.contracts.near_names import unknown_name
 from raw2drive_ros.settings import Strict, load_strict, params_folder
 
 SEEDS_PER_ROUND, ROUNDS_PER_RUN = 10, 100
@@ -105,6 +106,6 @@ def load_recipe(name: str) -> Recipe:
         folder = params_folder() / 'recipes'
         path = folder / f'{name}.yaml'
         if not path.is_file():
-            known = ', '.join(sorted(p.stem for p in folder.glob('*.yaml')))
-            raise ConfigError(f'unknown recipe {name!r}; known: {known}; or give a .yaml file')
+            known = sorted(p.stem for p in folder.glob('*.yaml'))
+            raise ConfigError(unknown_name('recipe', name, known, '; or give a .yaml file'))
     return load_strict(Recipe, path)

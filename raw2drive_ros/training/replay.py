@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from raw2drive_ros.contracts.actions import ACTION_COUNT
+from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.training.dataset import FIRST, TERMINAL, BagArrays
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.world_model.mask_codec import MaskCodec
@@ -19,8 +20,9 @@ from raw2drive_ros.world_model.mask_codec import MaskCodec
 class Batch:
     """masks: (B, T, C*P*P, G, G) float. ego: (B, T, 5). vector: (B, T, V). action: (B, T, A) one-hot of the
     action that LED to step t (zero at the first). reward, cont: (B, T), of arriving at t. is_first: (B, T)
-    bool. advice: (B, T, A) one-hot of what the expert would do AT step t, zero where
-    it was not asked. images: (B, T, views, height, width, 3) uint8 or None.
+    bool, where a sequence begins: an episode, or what follows a gap (`training.dataset`). advice: (B, T, A)
+    one-hot of what the expert would do AT step t, zero where it was not asked. images: (B, T, views, height,
+    width, 3) uint8 or None.
 
         t          0        1        2
         obs        o0       o1       o2
@@ -41,12 +43,16 @@ class Batch:
 
 
 class Replay:
-    """Draws with its own generator, whose state goes into the checkpoint: resuming repeats the same batches."""
+    """Draws with its own generator, whose state goes into the checkpoint: resuming repeats the same batches.
+
+    short: bags that hold no window of `length` ticks and are left out. Raises BagError when all are.
+    """
 
     def __init__(self, bags: list[BagArrays], codec: MaskCodec, length: int, terminal_share: float, seed: int) -> None:
         self.bags = [bag for bag in bags if len(bag) >= length]
+        self.short = [bag.path for bag in bags if len(bag) < length]
         if not self.bags:
-            raise ValueError(f'no bag holds {length} ticks or more')
+            raise BagError(f'no bag holds {length} ticks or more, which one sequence of training takes')
         self.codec, self.length, self.terminal_share = codec, length, terminal_share
         self.rng = np.random.default_rng(seed)
         starts = np.array([len(bag) - length + 1 for bag in self.bags])

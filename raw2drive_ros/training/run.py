@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -16,11 +17,12 @@ import numpy as np
 import torch
 
 from raw2drive_ros.artifact import write_whole
-from raw2drive_ros.contracts.errors import CheckpointError
+from raw2drive_ros.contracts.errors import CheckpointError, UsageError
 from raw2drive_ros.recording.bag_reader import find_bags
 from raw2drive_ros.training.checkpoint import Trainer, load_checkpoint, save_checkpoint
 from raw2drive_ros.training.config import RunConfig, make_config, overridden, read_run_config
-from raw2drive_ros.training.dataset import BagArrays, load_bags, rig_of
+from raw2drive_ros.training.dataset import BagArrays, data_line, load_bags, rig_of
+from raw2drive_ros.training.interrupts import noted_interrupts
 from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.pictures import overlap_by_class, save_pictures
@@ -31,6 +33,7 @@ from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.run_files import CHECKPOINTS, CONFIG, newest_checkpoint
 from raw2drive_ros.world_model.teacher import load_teacher
 
+DEFAULT_PRESET = 'laptop'
 Report = Callable[[int, dict[str, float]], None]
 
 
@@ -97,7 +100,7 @@ def train(
     bag_roots: list[Path],
     cache: Path,
     steps: int,
-    preset: str = 'laptop',
+    preset: str | None = None,
     overrides: dict[str, Any] | None = None,
     teacher_run: Path | None = None,
     *,
@@ -107,16 +110,14 @@ def train(
 ) -> Trainer:
     """Train `stage` in folder `run` up to `steps` gradient steps, resuming where the folder stopped.
 
-    An existing run keeps its own configuration, with `overrides` applied (recorded in config.json); `preset` is then
-    ignored. ranks: the processes of `torchrun`, each with a batch of its own. Raises CheckpointError while another
-    process trains in that folder.
+    preset: of a new run, `DEFAULT_PRESET` where none is given. An existing run keeps its own configuration, with
+    `overrides` applied (recorded in config.json). ranks: the processes of `torchrun`, each with a batch of its own. At
+    Ctrl-C or SIGTERM the step is finished and a checkpoint written first. Raises UsageError for another preset than an
+    existing run's, CheckpointError while another process trains in that folder.
     """
     folder = RunFolder(run)
     resumed = newest_checkpoint(folder.checkpoints)
-    if resumed is not None:
-        config = overridden(read_run_config(run), overrides or {})
-    else:
-        config = make_config(preset, overrides)
+    config = configuration(run, preset, overrides or {})
     set_threads(config.train.threads)
     paths = find_bags(bag_roots)
     raw = stage == 'raw'
@@ -130,11 +131,15 @@ def train(
     t = config.train
     length = t.raw_length if raw else t.length
     replay = Replay(bags, MaskCodec(config.model), length, t.terminal_share, t.seed)
+    window: dict[str, Any] = {}
+    if ranks.leads:
+        print(data_line(bags, replay.short, length), file=sys.stderr)
     with folder.alone() if ranks.leads else nullcontext():
         if resumed is not None:
             state = load_checkpoint(resumed, trainer, replay)
             if state['stage'] != stage:
                 raise CheckpointError(f'{run}: is a {state["stage"]} run, not a {stage} one')
+            window = state.get('window', {})
         if ranks.leads:
             folder.truncate(trainer.steps)
         metadata = {
@@ -145,8 +150,19 @@ def train(
         }
         if ranks.leads:
             folder.save_config(config, metadata)
-        _loop(trainer, replay, folder, steps, report, ranks, raw=raw)
+        _loop(trainer, replay, folder, steps, report, ranks, raw=raw, window=window)
     return trainer
+
+
+def configuration(run: Path | None, preset: str | None, overrides: dict[str, Any]) -> RunConfig:
+    """What `train` trains with in the folder `run`, which need not exist. Raises UsageError, ConfigError and
+    CheckpointError as `train` does."""
+    if run is None or newest_checkpoint(run / CHECKPOINTS) is None:
+        return make_config(preset or DEFAULT_PRESET, overrides)
+    found = read_run_config(run)
+    if preset not in (None, found.preset):
+        raise UsageError(f'--preset {preset}: {run} is a run of preset {found.preset} and keeps it; give another --run')
+    return overridden(found, overrides)
 
 
 def _make_trainer(
@@ -163,30 +179,48 @@ def _make_trainer(
 
 
 def _loop(
-    trainer: Trainer, replay: Replay, folder: RunFolder, steps: int, report: Report, ranks: Ranks, *, raw: bool
+    trainer: Trainer,
+    replay: Replay,
+    folder: RunFolder,
+    steps: int,
+    report: Report,
+    ranks: Ranks,
+    *,
+    raw: bool,
+    window: dict[str, Any],
 ) -> None:
+    """window: what an interrupted call had gathered since its last line of metrics."""
     t = trainer.config.train
     size = t.raw_batch if raw else t.batch
-    sums: dict[str, list[float]] = {}
-    overlap: dict[str, float] = {}
-    started = time.perf_counter()
-    while trainer.steps < steps:
-        batch = replay.sample(size, images=raw, ranks=ranks)
-        factor = decay_factor(trainer.steps, steps, t.decay_share, t.decay_end)
-        metrics = trainer.step(batch, factor) | {'learning_rate/factor': factor}
-        for name, value in metrics.items():
-            sums.setdefault(name, []).append(value)
-        if ranks.leads and (trainer.steps % t.picture_every == 0 or trainer.steps == steps):
-            overlap = overlap_by_class(trainer, batch)
-            save_pictures(folder.path / 'pictures', trainer, batch, replay.codec)
-        if trainer.steps % t.log_every == 0 or trainer.steps == steps:
-            means = {name: float(np.mean(values)) for name, values in sums.items()}
-            means['time/step_s'] = (time.perf_counter() - started) / len(sums['grad/model'])
-            means = ranks.mean_by_name(means) | overlap
-            overlap = {}
-            if ranks.leads:
-                folder.log(trainer.steps, means)
-                report(trainer.steps, means)
-            sums, started = {}, time.perf_counter()
-        if ranks.leads and (trainer.steps % t.checkpoint_every == 0 or trainer.steps == steps):
-            save_checkpoint(folder.checkpoints, trainer, replay, {})
+    sums: dict[str, list[float]] = window.get('sums', {})
+    overlap: dict[str, float] = window.get('overlap', {})
+    timed, started = 0, time.perf_counter()
+    # Processes of torchrun would stop at different steps and wait for each other: they end at once, as before.
+    with noted_interrupts(wanted=ranks.count == 1) as interrupts:
+        while trainer.steps < steps and not interrupts.requested:
+            batch = replay.sample(size, images=raw, ranks=ranks)
+            factor = decay_factor(trainer.steps, steps, t.decay_share, t.decay_end)
+            metrics = trainer.step(batch, factor) | {'learning_rate/factor': factor}
+            timed += 1
+            for name, value in metrics.items():
+                sums.setdefault(name, []).append(value)
+            if ranks.leads and (trainer.steps % t.picture_every == 0 or trainer.steps == steps):
+                overlap = overlap_by_class(trainer, batch)
+                save_pictures(folder.path / 'pictures', trainer, batch, replay.codec)
+            if trainer.steps % t.log_every == 0 or trainer.steps == steps:
+                means = {name: float(np.mean(values)) for name, values in sums.items()}
+                means['time/step_s'] = (time.perf_counter() - started) / timed
+                means = ranks.mean_by_name(means) | overlap
+                overlap = {}
+                if ranks.leads:
+                    folder.log(trainer.steps, means)
+                    report(trainer.steps, means)
+                sums, timed, started = {}, 0, time.perf_counter()
+            due = trainer.steps % t.checkpoint_every == 0 or trainer.steps == steps
+            if ranks.leads and (due or interrupts.requested):
+                # So that a resumed run logs the same means.
+                extra = {'window': {'sums': sums, 'overlap': overlap}} if sums or overlap else {}
+                saved = save_checkpoint(folder.checkpoints, trainer, replay, extra)
+                if interrupts.requested:
+                    print(f'checkpoint {saved} written; the same command goes on from there', file=sys.stderr)
+    interrupts.deliver()

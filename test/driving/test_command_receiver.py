@@ -5,7 +5,7 @@ import pytest
 from msg_adapters.commands import ACTIVATION, decision_to_message
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.public import Control, Decision
+from raw2drive_ros.contracts.public import Control, Decision, VehicleStatus
 from raw2drive_ros.driving.command_policy import CommandPolicy
 from raw2drive_ros.driving.command_receiver import CommandReceiver
 from raw2drive_ros.driving.single_writer import Sender
@@ -122,3 +122,37 @@ def test_an_unsigned_gate_is_obeyed_only_where_that_is_asked_for() -> None:
     assert vehicle.receive(gate.message()) is not None
     assert vehicle.receive(GateStandIn(None).message()) is None
     assert 'sequence number 1 after 1' in vehicle.stopped
+
+
+def test_a_command_without_an_activation_is_one_of_the_first() -> None:
+    vehicle, sender = receiver(), Sender(topics.COMMAND, KEY)
+    message = sender.sign(decision_to_message(FACTORY, Decision(5, WANTED, sequence=sender.next())))
+    assert vehicle.receive(message) is not None
+    assert vehicle.activation == 0
+
+
+def test_the_status_says_all_that_the_gate_needs() -> None:
+    vehicle = receiver()
+    vehicle.activation, vehicle.placed, vehicle.ticks = 4, 7, 12
+    assert vehicle.status(9, -3.5, 11) == VehicleStatus(9, -3.5, activation=4, placed=7, ticks=12, sequence=11)
+    vehicle.stopped = 'x'
+    assert vehicle.status(9, None, 12) == VehicleStatus(
+        9, None, stopped=True, activation=4, placed=7, ticks=12, sequence=12
+    )
+
+
+def test_places_are_counted_in_milliseconds_and_never_twice(monkeypatch) -> None:
+    vehicle, now_ns = receiver(), 1_700_000_000_123_456_789
+    monkeypatch.setattr('raw2drive_ros.driving.command_receiver.time.time_ns', lambda: now_ns)
+    found = []
+    for _ in range(3):
+        vehicle.place()
+        found.append(vehicle.placed)
+    assert found == [1_700_000_000_123, 1_700_000_000_124, 1_700_000_000_125]
+    assert all(isinstance(placed, int) for placed in found)
+
+
+def test_a_stopped_car_keeps_its_gear() -> None:
+    vehicle = receiver()
+    vehicle.policy.accept(Control(0.5, 0.0, 0.2, reverse=True), 0)
+    assert vehicle.brake() == Control(0.0, 0.6, 0.2, reverse=True)

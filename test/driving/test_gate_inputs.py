@@ -11,7 +11,7 @@ from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.public import Control, Decision, OdometrySample, VehicleStatus
 from raw2drive_ros.driving.gate import Gate
 from raw2drive_ros.driving.gate_inputs import GateInputs
-from raw2drive_ros.driving.gate_state import GateState
+from raw2drive_ros.driving.gate_state import GateState, Moment
 from raw2drive_ros.driving.single_writer import Sender
 
 FACTORY, KEY = RosbagsFactory(), bytes(range(32))
@@ -71,6 +71,15 @@ def test_what_is_no_proposal_of_the_planner_is_an_emergency_stop(driving, made, 
     assert answer.control.brake == inputs.gate.limits.emergency_brake
     assert inputs.gate.state is GateState.EMERGENCY_STOP
     assert inputs.gate.reason.startswith(f'invalid proposal: {words}')
+    assert answer.stamp_ns == (150_000_000 if words != 'Control.throttle' else 100_000_000)
+
+
+def test_answers_to_messages_without_a_stamp_of_their_own_have_the_time_of_arrival() -> None:
+    # Far from 0, where a wrong factor shows.
+    inputs, now = ready(), Moment(9e6, 5e6)
+    assert inputs.proposal(Planner(None).message(5e6), now).stamp_ns == 5_000_000 * 10**9
+    assert inputs.gate.state is GateState.EMERGENCY_STOP
+    assert inputs.proposal(Planner(None).message(5e6), now).stamp_ns == 5_000_000 * 10**9
 
 
 def test_another_planner_with_the_key_is_foreign_while_driving_and_welcome_after_an_activation() -> None:

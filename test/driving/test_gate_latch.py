@@ -291,3 +291,76 @@ def test_a_speed_that_is_no_number_is_no_odometry() -> None:
     gate.observe(math.nan, at(0.0))
     assert gate.propose(proposal(0.0), at(0.0)).throttle == 0.0
     assert gate.speed_mps is None
+
+
+def test_a_car_that_rolls_between_activation_and_drive_is_no_car_of_somebody_else() -> None:
+    gate = driving_gate()
+    gate.refuse('x', at(0.1))
+    assert gate.activate(at(0.2)) == ''
+    gate.observe(0.5, at(0.3))
+    assert gate.state is GateState.WAITING
+    assert gate.propose(proposal(0.3), at(0.3)) == WANTED
+
+
+def test_started_over_the_speed_is_still_known_and_said_so() -> None:
+    gate = driving_gate()
+    gate.refuse('x', at(0.1))
+    assert gate.start_over(at(0.2)) == ''
+    assert gate.reason == 'started over'
+    assert gate.propose(proposal(0.2), at(0.2)) == WANTED
+
+
+def test_started_over_while_the_driver_drives_it_waits_for_the_driver() -> None:
+    gate = driving_gate()
+    gate.override(at(0.1), by_driver=True)
+    assert gate.start_over(at(0.2)) == ''
+    assert gate.propose(proposal(0.2), at(0.2)).throttle == 0.0
+    assert (gate.state, gate.reason) == (GateState.WAITING, 'the driver has taken over')
+    gate.override(at(0.3), by_driver=False)
+    assert gate.propose(proposal(0.3), at(0.3)) == WANTED
+
+
+def test_a_simulation_that_begins_again_with_its_clock_is_compared_with_its_own_status() -> None:
+    gate = Gate(simulated=True)
+    gate.vehicle(status(100.0, 9.0, placed=1), at(100.0))
+    gate.vehicle(status(1.0, 0.0, placed=2), at(1.0))
+    assert gate.reason == 'no proposal yet'
+    gate.observe(5.0, at(1.0))
+    assert gate.reason == "odometry contradicts the vehicle's status: a second publisher?"
+
+
+def test_a_vehicle_that_tells_its_speed_by_status_alone_is_driven() -> None:
+    gate = Gate(GateLimits())
+    for i in range(15):
+        gate.vehicle(status(PERIOD_S * i), at(PERIOD_S * i))
+        gate.propose(proposal(PERIOD_S * i), at(PERIOD_S * i))
+        gate.tick(at(PERIOD_S * i))
+    assert gate.state is GateState.DRIVING
+
+
+def test_swings_of_proposals_that_were_not_driven_do_not_count() -> None:
+    gate = Gate(GateLimits(odometry_after_s=math.inf))
+    gate.observe(0.0, at(0.0))
+    gate.publisher_counts({'proposals': 2}, at(0.0))
+    for i in range(12):
+        gate.propose(proposal(0.1 * i, Control(0.2, 0.0, 0.5 if i % 2 else -0.5)), at(0.1 * i))
+    assert gate.state is GateState.WAITING
+    gate.publisher_counts({'proposals': 1}, at(1.2))
+    gate.propose(proposal(1.2, Control(0.2, 0.0, 0.5)), at(1.2))
+    assert gate.state is GateState.DRIVING
+
+
+def test_the_first_of_two_early_samples_is_enough_to_contradict() -> None:
+    sense = SpeedSense()
+    sense.status(Reading(0.1, 5.0))
+    sense.odometry(Reading(0.15, 20.0))
+    sense.odometry(Reading(0.2, 6.0))
+    assert sense.status(Reading(0.2, 6.0)) == "the vehicle's status"
+
+
+def test_a_status_that_is_sent_again_keeps_the_one_before_it() -> None:
+    sense = SpeedSense()
+    for stamp_s, speed_mps in ((0.1, 5.0), (0.2, 9.0), (0.2, 9.0)):
+        sense.status(Reading(stamp_s, speed_mps))
+    assert sense.odometry(Reading(0.15, 3.5)) == ''
+    assert sense.odometry(Reading(0.15, 20.0)) == "the vehicle's status"

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
+from msg_adapters.named_values import MAX_VALUES
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.driving.single_writer import Sender, SingleWriter, new_session
@@ -59,10 +60,12 @@ def test_a_captured_message_is_refused_also_after_a_release() -> None:
 
 
 def test_a_second_process_with_the_key_is_refused_until_a_release() -> None:
-    writer = SingleWriter(topics.COMMAND, KEY)
-    one, two = messages(Sender(topics.COMMAND, KEY)), messages(Sender(topics.COMMAND, KEY))
+    writer, of_one, of_two = SingleWriter(topics.COMMAND, KEY), new_session(), new_session()
+    one, two = (messages(Sender(topics.COMMAND, KEY, session)) for session in (of_one, of_two))
     assert writer.check(next(one)) == ''
-    assert writer.check(next(two)).startswith('another sender (session ')
+    assert (
+        writer.check(next(two)) == f'another sender (session {of_two[-8:]}) than the one so far (session {of_one[-8:]})'
+    )
     writer.release()
     assert writer.check(next(two)) == ''
     assert writer.check(next(one)).startswith('another sender')
@@ -81,6 +84,7 @@ def test_without_a_key_numbers_and_contradictions_reveal_a_second_sender() -> No
     assert writer.check(next(two)) == 'sequence number 1 after 1: repeated, or out of order'
     signed = next(messages(Sender(topics.PROPOSED, KEY)))
     assert writer.check(signed).startswith('another sender (session ')
+    assert writer.check(signed).endswith('than the one so far (unsigned)')
     writer.release()
     assert writer.check(next(messages(Sender(topics.PROPOSED)))) == '', 'a new process begins to count at 1'
 
@@ -132,3 +136,32 @@ def test_malformed_unsigned_messages_are_left_to_their_reader(names) -> None:
     message.name, message.position = names, np.array([])
     assert SingleWriter(topics.COMMAND).check(message) == ''
     assert SingleWriter(topics.COMMAND, KEY).check(message) == 'not signed'
+
+
+def test_numbered_messages_may_answer_one_stamp_differently() -> None:
+    writer = SingleWriter(topics.PROPOSED)
+    for number, throttle in ((1, 0.3), (2, 0.9)):
+        assert writer.check(decision_to_message(FACTORY, Decision(5, Control(throttle), sequence=number))) == ''
+
+
+@pytest.mark.parametrize('number', [float('inf'), float('nan'), 1e300, -(2.0**64)])
+def test_numbers_that_are_none_are_left_to_the_reader(number) -> None:
+    message = decision_to_message(FACTORY, Decision(5, Control(), sequence=1))
+    message.position = np.array([*message.position[:-1], number])
+    assert SingleWriter(topics.PROPOSED).check(message) == ''
+
+
+def test_the_longest_message_that_is_read_is_also_authenticated() -> None:
+    sender = Sender(topics.COMMAND, KEY)
+    extras = {f'v{i}': 0.0 for i in range(MAX_VALUES - 7)}
+    message = decision_to_message(FACTORY, Decision(5, Control(), sequence=sender.next()), extras)
+    assert len(message.name) == MAX_VALUES
+    assert SingleWriter(topics.COMMAND, KEY).check(sender.sign(message)) == ''
+    extras['one more'] = 0.0
+    message = decision_to_message(FACTORY, Decision(5, Control(), sequence=sender.next()), extras)
+    assert SingleWriter(topics.COMMAND, KEY).check(sender.sign(message)) == 'not signed'
+
+
+def test_the_session_tells_when_its_process_began(monkeypatch) -> None:
+    monkeypatch.setattr('raw2drive_ros.driving.single_writer.time.time_ns', lambda: 1_700_000_000_123_456_789)
+    assert int(new_session()[:16], 16) == 1_700_000_000_123_456

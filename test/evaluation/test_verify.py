@@ -213,6 +213,12 @@ def test_drives_whose_time_begins_again_are_verified_one_by_one(drive, bundle, t
     assert '2 drives, each by itself' in found.text
 
 
+def test_a_proposal_that_is_none_is_counted_and_the_rest_verified(drive, bundle, tmp_path) -> None:
+    found = verify_bag(changed(drive, range(70, 71), steer=float('nan')).write(tmp_path / 'nan'), bundle)
+    assert (found.equal, found.compared, found.lost) == (True, 119, 1)
+    assert '1 messages on /control/proposed are no proposals' in found.text
+
+
 def test_older_bags_without_counters_are_verified_as_ever(drive, bundle, tmp_path) -> None:
     found = verify_bag(drive.write(tmp_path / 'whole', counters=False), bundle)
     assert (found.equal, found.compared, found.lost) == (True, 120, 0)

@@ -44,10 +44,11 @@ from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.faults.plan import load_plans
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import open_bag, read_calibrations, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag, read_calibrations
 from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.events import events_of
 from raw2drive_ros.recording.recover import recover
+from raw2drive_ros.recording.ticks import read_ticks
 from raw2drive_ros.settings import default_bundle, params_folder
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.timing import load_timing

@@ -32,7 +32,7 @@ def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, caps
             (('/player/seek', '--set', 'rate=3', '--set', 'start_s=-1'), 'nothing was set'),
             (('/player/pause', 'perhaps'), 'true or false'),
             (('/player/step', 'true'), 'no argument'),
-            (('/safety_gate/actvate',), '/safety_gate/activate'),
+            (('/safety_gate/actvate',), 'did you mean /safety_gate/activate?'),
         ):
             code, text = call(*words)
             assert code == 1
@@ -46,3 +46,10 @@ def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, caps
 def test_wrong_usage_is_reported_before_anything_starts(words, capsys) -> None:
     assert main(['call', *words]) == 2
     assert capsys.readouterr().err.startswith('error: ')
+
+
+def test_where_nobody_is_the_domain_is_named_once(monkeypatch, capsys) -> None:
+    with reserve_domain(None) as domain:
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+        assert main(['call', '/safety_gate/activate']) == 1
+    assert capsys.readouterr().err.startswith(f'error: listened in ROS domain {domain}; nothing there: ')

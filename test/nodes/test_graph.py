@@ -20,8 +20,9 @@ from raw2drive_ros.evaluation.verify import recorded_proposals, verify_bag
 from raw2drive_ros.graph.drive import GraphJob, drive_graph, evaluate_graph
 from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag
 from raw2drive_ros.recording.events import events_of
+from raw2drive_ros.recording.ticks import read_ticks
 from raw2drive_ros.settings import default_bundle
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId

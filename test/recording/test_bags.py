@@ -9,8 +9,9 @@ from raw2drive_ros.contracts.errors import BagError, BagExistsError, DiskFullErr
 from raw2drive_ros.evaluation.verify import recorded_proposals
 from raw2drive_ros.recording import bag_writer
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import find_bags, open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter
+from raw2drive_ros.recording.ticks import read_ticks
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.dataset import FIRST, load_bag

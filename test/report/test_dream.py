@@ -6,7 +6,8 @@ import pytest
 
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.contracts.errors import BagError
-from raw2drive_ros.report.dream import SIZE, dream, save_dream, ticks_around
+from raw2drive_ros.report import dream as dream_module
+from raw2drive_ros.report.dream import SIZE, Dream, dream, overlaps, save_dream, ticks_around
 from raw2drive_ros.world_model.teacher import load_teacher
 
 
@@ -44,3 +45,33 @@ def test_the_command_says_what_is_wrong(bag, teacher_run, capsys) -> None:
     assert main(['dream', str(bag), '--at', '-1', '--run', str(teacher_run)]) == 2
     assert main(['dream', str(bag), '--at', '1', '--run', str(teacher_run), '--out', 'x.gif']) == 2
     assert 'mp4' in capsys.readouterr().err
+
+
+def test_the_overlap_with_the_truth_is_that_of_the_masks() -> None:
+    def masks(*squares: int) -> list[np.ndarray]:
+        return [np.repeat(np.arange(10) < count, 10).reshape(1, 10, 10).astype(np.float32) for count in squares]
+
+    found = Dream(1, {'truth': masks(5, 5, 5, 0), 'posterior': masks(5, 5, 5, 0), 'imagined': masks(0, 5, 4, 5)})
+    assert overlaps(found, 'imagined') == {0.0: 1.0, 0.1: 0.8, 0.2: 0.0}
+    assert overlaps(found, 'posterior') == {0.0: 1.0, 0.1: 1.0, 0.2: 0.0}
+
+
+def test_the_command_says_how_far_the_imagination_holds(bag, teacher_run, tmp_path, capsys, monkeypatch) -> None:
+    words: list[str] = []
+    draw = dream_module.text
+
+    def noting(canvas, said, *more, **how) -> None:
+        words.append(said)
+        draw(canvas, said, *more, **how)
+
+    monkeypatch.setattr(dream_module, 'text', noting)
+    out = tmp_path / 'dream.mp4'
+    assert main(['dream', str(bag), '--at', '3', '--seconds', '1', '--run', str(teacher_run), '--out', str(out)]) == 0
+    said = capsys.readouterr().out.splitlines()[-1]
+    ticks, begins = ticks_around(bag, 3.0, 1.0)
+    found = dream(load_teacher(teacher_run), ticks, begins)
+    imagined, posterior = (overlaps(found, name) for name in ('imagined', 'posterior'))
+    parts = [f'{imagined[after]:.2f} (posterior {posterior[after]:.2f}) after {after:g} s' for after in (0.5, 1.0)]
+    assert said == f'overlap of the imagined masks with the true ones: {", ".join(parts)}'
+    assert f'imagined, overlap with truth {imagined[1.0]:.2f}' in words
+    assert 'speed x0.5' in words

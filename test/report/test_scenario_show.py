@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from raw2drive_ros.cli.main import main
+from raw2drive_ros.report import video as video_module
 from raw2drive_ros.report.overview import LIGHTS, Overview, colour_of
 from raw2drive_ros.report.scene import FILM, OUTCOME_FRAMES, WIDTH
 from raw2drive_ros.report.video import HEIGHT, write_video
@@ -104,9 +105,19 @@ def test_bad_input_is_one_line_and_an_exit_code(arguments, code, message, capsys
     assert message in error and len(error.splitlines()) == 1
 
 
-def test_the_demo_video_shows_every_tick_of_a_bag(bag, bundle, tmp_path) -> None:
+def test_the_demo_video_shows_every_tick_of_a_bag_and_its_speed(bag, bundle, tmp_path, monkeypatch) -> None:
+    words: list[str] = []
+    draw = video_module.text
+
+    def noting(canvas, said, *more, **how) -> None:
+        words.append(said)
+        draw(canvas, said, *more, **how)
+
+    monkeypatch.setattr(video_module, 'text', noting)
     video = write_video(bag, bundle, tmp_path / 'drive.mp4')
     frames = frames_of(video.path)
     assert (frames[0].width, frames[0].height) == (VIDEO_WIDTH, HEIGHT)
     assert len(frames) == 120
+    # Twelve seconds of driving are six of the film.
+    assert words.count('speed x2') == 120
     assert all(still.shape == (HEIGHT, VIDEO_WIDTH, 3) for still in video.stills.values())

@@ -12,7 +12,8 @@ from raw2drive_ros.evaluation.metrics import score_route
 from raw2drive_ros.evaluation.recipe_rounds import failures_by_type, keep_if_best, run_recipe
 from raw2drive_ros.evaluation.results import RowsFile, header_of
 from raw2drive_ros.evaluation.routes import weighted_types
-from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_advice
+from raw2drive_ros.recording.bag_reader import find_bags, open_bag
+from raw2drive_ros.recording.ticks import read_advice
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.training.dataset import RosbagsFactory
 from raw2drive_ros.training.export import export_teacher, training_metadata
