@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
 import cv2
@@ -10,12 +11,19 @@ import numpy as np
 from msg_adapters.factory import MessageFactory, fill_bytes
 from msg_adapters.sensors import optical_frame
 from msg_adapters.stamps import set_stamp
+from raw2drive_ros.bounds import MAX_PIXELS
 from raw2drive_ros.contracts.errors import ContractError
 from raw2drive_ros.contracts.public import Image8
 
 JPEG_QUALITY = 95
 _JPEG = (int(cv2.IMWRITE_JPEG_QUALITY), JPEG_QUALITY)
 # name in `format` -> (file extension for OpenCV, flags of its encoder)
+# The size of a JPEG stands behind its comments, colour profile and preview.
+MAX_HEAD_BYTES = 2**20
+_PNG = b'\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR'
+# Markers that begin a frame, among which are other tables; and those without a length.
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_JPEG_BARE = frozenset((0x01, *range(0xD0, 0xD9)))
 ENCODERS = {'jpeg': ('.jpg', _JPEG), 'png': ('.png', ())}
 
 
@@ -43,9 +51,33 @@ def compressed_image_to_message(
 
 
 def image_from_compressed_message(message: Any) -> Image8:
-    """(H, W, 3) uint8 RGB. Raises ContractError for bytes that are no image."""
+    """(H, W, 3) uint8 RGB. Raises ContractError for bytes that are no JPEG or PNG, or of too many pixels."""
     packed = np.frombuffer(message.data, np.uint8)
-    image = cv2.imdecode(packed, cv2.IMREAD_COLOR) if packed.size else None
+    height, width = _size(packed[:MAX_HEAD_BYTES].tobytes())
+    if height * width > MAX_PIXELS:
+        raise ContractError(f'compressed image of {height}x{width} pixels, and no more than {MAX_PIXELS} are unpacked')
+    image = cv2.imdecode(packed, cv2.IMREAD_COLOR) if height * width else None
     if image is None:
         raise ContractError(f'compressed image ({message.format!r}, {packed.size} bytes) cannot be decoded')
     return np.ascontiguousarray(image[..., ::-1])
+
+
+def _size(head: bytes) -> tuple[int, int]:
+    """(height, width) in pixels that the head of a JPEG or PNG claims, which is what a decoder allocates; (0, 0) where
+    it is neither."""
+    if head.startswith(_PNG) and len(head) >= len(_PNG) + 8:
+        width, height = struct.unpack_from('>II', head, len(_PNG))
+        return height, width
+    at = 2
+    while head.startswith(b'\xff\xd8') and at + 9 <= len(head) and head[at] == 0xFF:
+        marker = head[at + 1]
+        if marker == 0xFF:
+            at += 1
+        elif marker in _JPEG_BARE:
+            at += 2
+        elif marker in _JPEG_FRAMES:
+            height, width = struct.unpack_from('>HH', head, at + 5)
+            return height, width
+        else:
+            at += 2 + struct.unpack_from('>H', head, at + 2)[0]
+    return 0, 0

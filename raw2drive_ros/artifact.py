@@ -16,14 +16,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from raw2drive_ros.contracts.errors import UserError
+from raw2drive_ros.bounds import MAX_WEIGHT_BYTES, MIB, BoundedFile, tensor_shapes
+from raw2drive_ros.contracts.errors import NonFiniteError, UserError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 WEIGHTS = 'weights.safetensors'
 CARD = 'MODEL_CARD.md'
-MAX_WEIGHT_BYTES = 2_000_000_000
 LEFT_BEHIND_S = 24 * 3600.0
 
 
@@ -32,25 +32,49 @@ def short_hash(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
 
+def hash_of_file(path: Path) -> str:
+    """SHA-256 of a regular file, in hex, without holding it in memory. Raises OSError."""
+    with BoundedFile(path, MIB) as file:
+        return hashlib.file_digest(file, 'sha256').hexdigest()
+
+
 def partial_name(target: Path) -> Path:
     """Temporary path for writing `target`. It contains the process id, so that concurrent writers do not collide."""
     return target.with_name(f'.{target.name}.{os.getpid()}.partial')
 
 
-def write_whole(target: Path, content: str | bytes) -> Path:
-    """Write a file atomically: it holds either all of `content` or what it held before."""
+def write_whole(target: Path, content: str | bytes, *, durable: bool = False) -> Path:
+    """Write a file atomically: it holds either all of `content` or what it held before.
+
+    durable: also after a loss of power; it is on the disk when this returns.
+    """
     partial = partial_name(target)
     partial.write_bytes(content.encode() if isinstance(content, str) else content)
-    return partial.replace(target)
+    if durable:
+        _sync(partial)
+    partial.replace(target)
+    if durable:
+        _sync(target.parent)
+    return target
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 @contextmanager
-def whole_folder(target: Path, *, keep_existing: bool = False) -> Iterator[Path]:
+def whole_folder(target: Path, *, keep_existing: bool = False, durable: bool = False) -> Iterator[Path]:
     """Yields an empty folder to fill, which replaces `target` if the block ends without an error, else is deleted.
 
     A link to a folder stays a link. keep_existing: for what has the same content whoever writes it; a folder that
-    another process finished meanwhile stays, because somebody may be reading it. Raises NotADirectoryError, before
-    anything is written, where `target` is a file.
+    another process finished meanwhile stays, because somebody may be reading it. durable: it is on the disk, whole,
+    when the block has ended, also after a loss of power. Raises NotADirectoryError, before anything is written, where
+    `target` is a file.
     """
     target = target.resolve() if target.is_symlink() else target
     if target.exists() and not target.is_dir():
@@ -61,10 +85,16 @@ def whole_folder(target: Path, *, keep_existing: bool = False) -> Iterator[Path]
     partial.mkdir(parents=True)
     try:
         yield partial
+        if durable:
+            # Before it gets its name: a name without content would pass for the whole.
+            for path in [*partial.rglob('*'), partial]:
+                _sync(path)
         if keep_existing:
             _place(partial, target)
         else:
             _swap(partial, target)
+        if durable:
+            _sync(target.parent)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -109,25 +139,48 @@ def _old_name(target: Path) -> Path:
 
 
 def save_weights(folder: Path, tensors: Mapping[str, Tensor]) -> str:
-    """Write `WEIGHTS` as float16 and return its hash. World-readable, because bundles are meant to be shared."""
+    """Write `WEIGHTS` as float16 and return its hash. World-readable, because bundles are meant to be shared.
+
+    Raises NonFiniteError for weights that are not finite, or not as float16.
+    """
     from safetensors.torch import save_file
 
     file = folder / WEIGHTS
-    save_file({key: value.detach().clone().half().contiguous() for key, value in tensors.items()}, file)
+    halves = {key: value.detach().clone().half().contiguous() for key, value in tensors.items()}
+    if bad := not_finite(halves):
+        raise NonFiniteError(f'{folder.name}: {bad} holds values that are not finite as float16')
+    save_file(halves, file)
     file.chmod(0o644)
-    return short_hash(file.read_bytes())
+    return hash_of_file(file)[:16]
 
 
 def load_weights(folder: Path, expected_hash: str, error: type[UserError]) -> dict[str, Tensor]:
-    """`WEIGHTS` as float32. Raises `error` when the file is too large or its hash is not `expected_hash`."""
+    """`WEIGHTS` as float32. Raises `error` when the file is too large, its hash is not `expected_hash`, or a weight is
+    not finite."""
     from safetensors.torch import load_file
 
     file = folder / WEIGHTS
-    if file.stat().st_size > MAX_WEIGHT_BYTES:
-        raise error(f'{folder}: weights of {file.stat().st_size} bytes are implausible')
-    if short_hash(file.read_bytes()) != expected_hash:
-        raise error(f'{folder}: weights do not match their hash; the file is damaged or replaced')
-    return {key: value.float() for key, value in load_file(file).items()}
+    try:
+        tensor_shapes(file, MAX_WEIGHT_BYTES)
+        if hash_of_file(file)[:16] != expected_hash:
+            raise error(f'{folder}: weights do not match their hash; the file is damaged or replaced')
+    except (OSError, ValueError) as reason:
+        if isinstance(reason, error):
+            raise
+        said = reason.strerror if isinstance(reason, OSError) else reason
+        # Damage to the header damages the hash too.
+        raise error(f'{folder}: {WEIGHTS}: {said}; weights do not match their hash') from reason
+    tensors = {key: value.float() for key, value in load_file(file).items()}
+    if bad := not_finite(tensors):
+        raise error(f'{folder}: {bad} holds weights that are not finite')
+    return tensors
+
+
+def not_finite(tensors: Mapping[str, Tensor]) -> str:
+    """The name of the first tensor that holds a NaN or an infinity, or ''."""
+    return next(
+        (name for name, value in tensors.items() if value.is_floating_point() and not value.isfinite().all()), ''
+    )
 
 
 def part_of(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from raw2drive_ros.bounds import read_yaml
 from raw2drive_ros.contracts.errors import ConfigError
 from raw2drive_ros.contracts.near_names import did_you_mean, unknown_name
 
@@ -30,12 +31,12 @@ def params_folder() -> Path:
 def load_yaml(path: Path) -> dict[str, Any]:
     """A YAML mapping. Raises ConfigError with the path and the reason."""
     try:
-        loaded = yaml.safe_load(path.read_text(encoding='utf-8'))
+        loaded = read_yaml(path)
     except OSError as error:
         raise ConfigError(f'cannot read {path}: {error.strerror}') from error
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        # Bytes that are not text, impossible dates, unhashable keys, endlessly nested brackets.
-        raise ConfigError(f'{path} is not valid YAML: {error}') from error
+        # Bytes that are not text, impossible dates, unhashable keys, brackets nested or aliases multiplied too far.
+        raise ConfigError(f'{path} is not valid YAML: {" ".join(str(error).split())}') from error
     if not isinstance(loaded, dict):
         raise ConfigError(f'{path}: expected a mapping')
     return loaded

@@ -9,7 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 NAME = 'raw2drive_ros'
-# From the top floor down. Rooms of one floor do not know each other. Six are single files.
+# From the top floor down. Rooms of one floor do not know each other. Seven are single files.
 FLOORS: tuple[tuple[str, ...], ...] = (
     ('benchmarks', 'examples', 'launch'),
     (f'{NAME}.cli',),
@@ -23,6 +23,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ('msg_adapters',),
     (f'{NAME}.artifact', f'{NAME}.timing'),
     (f'{NAME}.progress', f'{NAME}.runtime_folder', f'{NAME}.safe_path', f'{NAME}.settings'),
+    (f'{NAME}.bounds',),
     (f'{NAME}.contracts',),
     (f'{NAME}.tables', NAME),
 )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.texts import shown
 
 EXAMPLES = """examples:
   raw2drive bag info runs/demo/bag
@@ -58,7 +59,7 @@ def _events(options: argparse.Namespace) -> int:
     elif events:
         print_events(events)
     else:
-        print(f'{options.bags[0]}: no node said anything of itself (no {topics.DIAGNOSTICS})')
+        print(f'{shown(options.bags[0])}: no node said anything of itself (no {topics.DIAGNOSTICS})')
     return 0
 
 
@@ -73,9 +74,9 @@ def _doctor(options: argparse.Namespace) -> int:
         print(json.dumps([asdict(complaint) for complaint in found]))
     else:
         for complaint in found:
-            print(f'{complaint.severity}: {complaint.text}\n    {complaint.remedy}')
+            print(f'{complaint.severity}: {shown(complaint.text)}\n    {shown(complaint.remedy)}')
         if not any(complaint.severity != 'note' for complaint in found):
-            print(f'{options.bags[0]}: fit for use')
+            print(f'{shown(options.bags[0])}: fit for use')
     return int(any(complaint.severity == 'error' for complaint in found))
 
 
@@ -83,20 +84,17 @@ def _recover(options: argparse.Namespace) -> int:
     from raw2drive_ros.recording.recover import recover
 
     found = recover(options.bags[0], options.out)
-    for topic, why in found.skipped.items():
-        print(f'skipped {topic}: {why}')
-    if found.damaged:
-        print(f'{found.damaged} damaged chunks left out')
-    if found.truncated:
-        print('the file ends in the middle of a record, as after a kill')
-    _report(options, found.counts)
+    _report(options, found.counts, found.lines())
     return 0
 
 
 def _cut(options: argparse.Namespace) -> int:
     from raw2drive_ros.recording.bag_edit import cut
+    from raw2drive_ros.recording.copying import Account
 
-    _report(options, cut(options.bags[0], options.out, options.start, options.end, tuple(options.topics)))
+    account = Account()
+    counts = cut(options.bags[0], options.out, options.start, options.end, tuple(options.topics), account)
+    _report(options, counts, account.lines())
     return 0
 
 
@@ -104,17 +102,19 @@ def _merge(options: argparse.Namespace) -> int:
     from raw2drive_ros.recording.bag_edit import merge
 
     merged = merge(options.bags, options.out)
-    if merged.doubled:
-        print(f'{merged.doubled} messages were in several bags and are there once', file=sys.stderr)
-    _report(options, merged.counts)
+    lines = [f'{merged.doubled} messages were in several bags and are there once'] if merged.doubled else []
+    _report(options, merged.counts, [*lines, *merged.account.lines()])
     return 0
 
 
-def _report(options: argparse.Namespace, counts: dict[str, int]) -> None:
+def _report(options: argparse.Namespace, counts: dict[str, int], left_out: list[str]) -> None:
+    """left_out: lines about what is not in the new bag; with --json, they are on stderr too."""
+    for line in left_out:
+        print(shown(line), file=sys.stderr)
     if options.json:
-        print(json.dumps({'bag': str(options.out), 'messages': counts}))
+        print(json.dumps({'bag': str(options.out), 'messages': counts, 'left_out': left_out}))
         return
-    print(f'{options.out}: {sum(counts.values())} messages of {len(counts)} topics')
+    print(f'{shown(options.out)}: {sum(counts.values())} messages of {len(counts)} topics, read again')
 
 
 def _info(options: argparse.Namespace) -> int:
@@ -133,12 +133,13 @@ def _print_info(info: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    # Names from a bag are no markup.
+    console = Console(markup=False, emoji=False)
     console.print(
-        f'{info["path"]}: {info["duration_s"]:.1f} s, {info["messages"]} messages, {info["bytes"] / 1e6:.1f} MB'
+        f'{shown(info["path"])}: {info["duration_s"]:.1f} s, {info["messages"]} messages, {info["bytes"] / 1e6:.1f} MB'
     )
     for key, value in info['provenance'].items():
-        console.print(f'  {key}: {value}', highlight=False)
+        console.print(f'  {shown(key)}: {shown(value)}', highlight=False)
     # Topic names are folded and never truncated; types are shown where there is room.
     wide = console.width >= WIDE
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
@@ -149,11 +150,11 @@ def _print_info(info: dict[str, Any]) -> None:
         table.add_column(column, justify='right', no_wrap=True)
     for topic in info['topics']:
         figures = (str(topic['messages']), f'{topic["rate_hz"]:.1f}', f'{topic["largest_gap_s"]:.2f}')
-        table.add_row(topic['topic'], *([topic['type']] if wide else []), *figures)
+        table.add_row(shown(topic['topic']), *([shown(topic['type'])] if wide else []), *figures)
     console.print(table)
     if info['episodes']:
         console.print(
-            f'{len(info["episodes"])} episodes: {", ".join(info["episodes"][:8])}'
+            f'{len(info["episodes"])} episodes: {", ".join(map(shown, info["episodes"][:8]))}'
             + (' ...' if len(info['episodes']) > 8 else '')
         )
     if info['refused']:

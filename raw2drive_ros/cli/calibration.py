@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,9 @@ def run(options: argparse.Namespace) -> int:
     import torch
 
     from raw2drive_ros.contracts.errors import UsageError
+    from raw2drive_ros.contracts.texts import shown
     from raw2drive_ros.progress import bar
-    from raw2drive_ros.recording.bag_reader import find_bags
+    from raw2drive_ros.recording.bag_reader import search_bags
     from raw2drive_ros.report.calibration import CalibrationProbe, Traces, joined, numbers
     from raw2drive_ros.report.calibration_plot import save_calibration
     from raw2drive_ros.training.dataset import load_bag
@@ -48,7 +50,10 @@ def run(options: argparse.Namespace) -> int:
     if options.out.suffix.lower() != '.png':
         raise UsageError(f'--out {options.out}: give a name that ends in .png')
     torch.set_num_threads(options.threads)
-    paths = find_bags(options.bags)
+    search = search_bags(options.bags)
+    for line in search.left_out():
+        print(shown(line), file=sys.stderr)
+    paths = search.bags
     teacher = load_teacher(options.training_run)
     probe = CalibrationProbe(teacher, options.samples)
     learnt = set(training_metadata(options.training_run).get('training_bags', ()))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from types import FrameType
 
 from raw2drive_ros.contracts.errors import UserError
+from raw2drive_ros.contracts.texts import shown
 from raw2drive_ros.safe_path import safe_path_variables
 
 
@@ -46,7 +47,7 @@ def guarded(run: Callable[[argparse.Namespace], int], options: argparse.Namespac
     except BrokenPipeError:
         return 0
     except Exception as error:
-        if not isinstance(error, UserError | OSError):
+        if not isinstance(error, UserError | OSError | MemoryError):
             raise
-        print(f'error: {error}', file=sys.stderr)
+        print(f'error: {shown(error) or "not enough memory"}', file=sys.stderr)
         return error.exit_code if isinstance(error, UserError) else 1

@@ -81,8 +81,10 @@ def print_events(events: Sequence[Event]) -> None:
     """One line per event; the text of nodes is printed literally, without markup."""
     from rich.text import Text
 
+    from raw2drive_ros.contracts.texts import shown
+
     console = wide_console()
     colours = {'ok': 'green', 'warning': 'yellow', 'error': 'red', 'stale': 'red'}
     for event in events:
         line = Text(f'{event.time_s:8.1f} s  ').append(f'{event.level:8}', colours[event.level])
-        console.print(line.append(f'{event.node:15} {event.text}'), soft_wrap=True)
+        console.print(line.append(f'{shown(event.node):15} {shown(event.text)}'), soft_wrap=True)

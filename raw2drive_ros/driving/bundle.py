@@ -18,6 +18,7 @@ from safetensors import SafetensorError
 from raw2drive_ros import __version__
 from raw2drive_ros.artifact import (
     CARD,
+    WEIGHTS,
     check_manifest,
     load_weights,
     model_card,
@@ -26,6 +27,7 @@ from raw2drive_ros.artifact import (
     short_hash,
     whole_folder,
 )
+from raw2drive_ros.bounds import MAX_WEIGHT_BYTES, read_json
 from raw2drive_ros.contracts.actions import ACTION_COUNT, table_hash
 from raw2drive_ros.contracts.errors import BundleError, ContractError
 from raw2drive_ros.contracts.public import CameraCalibration
@@ -33,6 +35,7 @@ from raw2drive_ros.driving.preprocessing import REACHED_AHEAD_M
 from raw2drive_ros.tables.vector_layout import CHECKPOINT_SCALE_M, EGO_SIZE, VECTOR_FIELDS, VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.parameter_budget import parameter_budget
 from raw2drive_ros.world_model.streams import RawWorldModel
 
 FORMAT = 1
@@ -125,7 +128,7 @@ def _has_head(model: RawWorldModel, name: str) -> bool:
 
 
 def load_bundle(path: Path) -> Bundle:
-    """Check every hash, then build the networks. Raises BundleError."""
+    """Check every hash, that the weights are finite, and build the networks. Raises BundleError."""
     if not (path / MANIFEST).is_file():
         raise BundleError(
             f'{path}: no policy bundle there ({MANIFEST} is missing); '
@@ -133,21 +136,22 @@ def load_bundle(path: Path) -> Bundle:
         )
     hashes = {'action_table': table_hash(), 'preprocessing': preprocessing_hash()}
     try:
-        body = json.loads((path / MANIFEST).read_text())
+        body = read_json(path / MANIFEST)
         check_manifest(path, body, 'bundle', FORMAT, hashes, BundleError)
         tensors = load_weights(path, body['weights_sha256_16'], BundleError)
         if _identity(body) != body['identity']:
             raise BundleError(f'{path}: {MANIFEST} does not match its identity {body["identity"]}')
         config = ModelConfig(**body['config'])
         rig = _rig_from_json(body['rig'])
-        model = RawWorldModel(config, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT, tuple(body['heads']))
-        actor = Actor(config, ACTION_COUNT)
+        with parameter_budget(path / WEIGHTS, MAX_WEIGHT_BYTES):
+            model = RawWorldModel(config, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT, tuple(body['heads']))
+            actor = Actor(config, ACTION_COUNT)
         model.load_state_dict(part_of(tensors, 'model'))
         actor.load_state_dict(part_of(tensors, 'actor'))
     except BundleError:
         raise
     except (OSError, ValueError, KeyError, TypeError, RuntimeError, ContractError, SafetensorError) as error:
-        raise BundleError(f'{path}: damaged bundle: {str(error).splitlines()[0]}') from error
+        raise BundleError(f'{path}: damaged bundle: {(str(error) or type(error).__name__).splitlines()[0]}') from error
     return Bundle(
         path,
         body['identity'],

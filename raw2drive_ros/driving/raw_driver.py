@@ -39,7 +39,8 @@ class RawDriver:
         self.stamp_ns: int | None = None
 
     def drive(self, frame: SensorFrame, route: Route) -> Decision:
-        """Raises ContractError when a camera is missing or has the wrong size."""
+        """Raises ContractError when a camera is missing or has the wrong size, or when the policy's output is not
+        finite."""
         started = time.perf_counter()
         new_route = self.progress.route is not None and route.stamp_ns != self.progress.route.stamp_ns
         back = self.stamp_ns is not None and frame.stamp_ns < self.stamp_ns
@@ -51,7 +52,11 @@ class RawDriver:
         self.progress.update(route, frame.odometry)
         images = torch.from_numpy(self._stack(frame))
         vector = torch.from_numpy(raw_vector(frame.imu, frame.odometry, self.progress))[None]
-        choice, self.state = self.agent.step(Observation(images, vector), self.state)
+        choice, state = self.agent.step(Observation(images, vector), self.state)
+        if not choice.log_probs.isfinite().all():
+            # The state that led there is poisoned: it is dropped, and nothing is proposed.
+            raise ContractError('the policy gave probabilities that are not finite')
+        self.state = state
         action = int(choice.action)
         probability = float(choice.log_probs[0, action].exp())
         elapsed_ms = (time.perf_counter() - started) * 1e3

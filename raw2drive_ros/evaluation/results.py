@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from raw2drive_ros.artifact import write_whole
+from raw2drive_ros.bounds import MAX_RESULTS_BYTES, read_regular
 from raw2drive_ros.contracts.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import RouteResult
 from raw2drive_ros.simulation.route_id import RouteId
@@ -118,7 +119,7 @@ class _Content(NamedTuple):
 def _read(path: Path) -> _Content:
     """Raises ResultsError."""
     try:
-        text = path.read_text(encoding='utf-8')
+        text = read_regular(path, MAX_RESULTS_BYTES).decode().replace('\r\n', '\n')
     except (OSError, UnicodeDecodeError) as error:
         raise ResultsError(f'{path}: cannot be read: {error}') from error
     texts = text.split('\n')

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from raw2drive_ros.bounds import MAX_RESULTS_BYTES, read_regular
 from raw2drive_ros.contracts.errors import SoakError
 
 # Memory grows while every scenario type is driven for the first time; after this much simulated time it may not.
@@ -104,14 +105,14 @@ def read_samples(path: Path) -> list[Sample]:
         return []
     found = []
     try:
-        text = path.read_text(encoding='utf-8')
+        text = read_regular(path, MAX_RESULTS_BYTES).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise SoakError(f'{path}: cannot be read: {error}') from error
     # A killed writer leaves half a line at the end.
     for number, line in enumerate(text[: text.rfind('\n') + 1].splitlines(), 1):
         try:
             found.append(Sample(**json.loads(line)))
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, RecursionError) as error:
             raise SoakError(f'{path}, line {number}: not a sample of a soak: {error}') from error
     return found
 

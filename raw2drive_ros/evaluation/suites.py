@@ -6,13 +6,13 @@ suites seeds from `TRAIN_SEED_START` on; checkpoints are selected on the seeds b
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from raw2drive_ros.bounds import read_json
 from raw2drive_ros.contracts.errors import UnfairScenarioError, UnknownScenarioError, UnknownSuiteError
 from raw2drive_ros.contracts.near_names import unknown_name
 from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
@@ -94,7 +94,7 @@ def load_suite(name: str) -> Suite:
     """A shipped suite, or the file at path `name`. Raises UnknownSuiteError."""
     path = Path(name) if name.endswith('.json') else suite_folder() / f'{name}.json'
     try:
-        body = json.loads(path.read_text())
+        body = read_json(path)
         routes = tuple(RouteId.parse(f'{kind}/{rest}') for kind, places in body['routes'].items() for rest in places)
         suite = Suite(str(body['name']), str(body['version']), routes)
     except FileNotFoundError as error:

@@ -12,6 +12,7 @@ from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.contracts.verdicts import Verdicts
 from raw2drive_ros.driving.continuity import GAP_PERIODS
+from raw2drive_ros.recording.bag_checks import metadata_against_storage
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag, read_calibrations
 from raw2drive_ros.recording.clock_doctor import clock_complaints
@@ -42,6 +43,7 @@ def examine(path: Path) -> list[Complaint]:
     rows = {row['topic']: row for row in info['topics']}
     found = [*_missing(rows), *_rates(rows), *_ticks(path, rows)]
     found += [Complaint(*finding) for finding in clock_complaints(path)]
+    found += [Complaint('warning', text, 'raw2drive bag recover') for text in metadata_against_storage(path)]
     if not info['provenance']:
         found.append(Complaint('note', 'no provenance: who recorded it, with what?', 'record with raw2drive record'))
     foreign = sorted(set(rows) - set(topics.BY_NAME))

@@ -20,6 +20,7 @@ from raw2drive_ros.contracts.errors import BagError
 from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import begin_ns, is_latched, messages_in, open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter
+from raw2drive_ros.recording.copying import Account, Copier, verify
 
 # Ten years: no wall clock shows a time so close to 1970, and no simulation runs for so long.
 SIMULATED_BELOW_NS = 10 * 365 * 86_400 * 10**9
@@ -45,12 +46,18 @@ def whole_bag(out: Path, metadata: dict[str, str]) -> Iterator[BagWriter]:
 
 
 def cut(
-    bag: Path, out: Path, start_s: float = 0.0, end_s: float = float('inf'), patterns: tuple[str, ...] = ('*',)
+    bag: Path,
+    out: Path,
+    start_s: float = 0.0,
+    end_s: float = float('inf'),
+    patterns: tuple[str, ...] = ('*',),
+    account: Account | None = None,
 ) -> dict[str, int]:
     """Copy messages of the matching topics, from `start_s` to before `end_s` after the bag's beginning, to a new bag.
 
-    The last latched messages (routes, mounting poses) from before `start_s` are included. Returns messages per topic.
-    Raises BagError.
+    The last latched messages (routes, mounting poses) from before `start_s` are included. Messages that cannot be
+    decoded are left out; `account` says how many. The new bag is read again before this returns the number of its
+    messages per topic. Raises BagError.
     """
     if not 0.0 <= start_s < end_s:
         raise BagError(f'nothing lies between {start_s:g} s and {end_s:g} s: give 0 <= --start < --end')
@@ -68,37 +75,42 @@ def cut(
         metadata = provenance_of(bag) | {'cut_from': bag.name, 'cut': f'{start_s:g} s to {end_s:g} s'}
         latched: dict[str, tuple[Any, bytes]] = {}
         with whole_bag(out, metadata) as writer:
-            for connection, stamp_ns, data in messages_in(reader, connections=matching):
+            copier = Copier(writer, account or Account())
+            for connection, stamp_ns, data in messages_in(reader, any_type=True, connections=matching):
                 if stamp_ns >= end_ns:
                     continue
                 if stamp_ns < start_ns:
                     if is_latched(connection):
                         latched[connection.topic] = connection, bytes(data)
                     continue
-                for topic, (source, old) in latched.items():
-                    writer.write_raw(topic, start_ns, old, _type_of(source))
+                for source, old in latched.values():
+                    _copy(copier, source, start_ns, old)
                 latched.clear()
-                writer.write_raw(connection.topic, stamp_ns, bytes(data), _type_of(connection))
-            for topic, (source, old) in latched.items() if start_ns <= reader.end_time else ():
-                writer.write_raw(topic, start_ns, old, _type_of(source))
+                _copy(copier, connection, stamp_ns, bytes(data))
+            for source, old in latched.values() if start_ns <= reader.end_time else ():
+                _copy(copier, source, start_ns, old)
             if not writer.counts:
-                raise BagError(f'{bag}: no message there: it lasts {lasts_s:.1f} s')
-            return dict(writer.counts)
+                left = '; '.join(copier.account.lines())
+                raise BagError(f'{bag}: no message there: it lasts {lasts_s:.1f} s' + (f'; {left}' if left else ''))
+    verify(out, copier)
+    return dict(copier.account.counts)
 
 
 @dataclass(frozen=True, slots=True)
 class Merged:
-    """counts: messages per topic in the new bag. doubled: messages dropped because another bag held a copy."""
+    """counts: messages per topic in the new bag. doubled: messages dropped because another bag held a copy. account:
+    what else was left out."""
 
     counts: dict[str, int]
     doubled: int
+    account: Account
 
 
 def merge(bags: list[Path], out: Path) -> Merged:
     """Merge all messages in order of time, keeping one copy of those that several bags hold.
 
-    Raises BagError, also when the bags are not of one drive: different clocks, or different sensor messages with one
-    stamp.
+    Messages that cannot be decoded are left out. The new bag is read again before this returns. Raises BagError, also
+    when the bags are not of one drive: different clocks, or different sensor messages with one stamp.
     """
     with ExitStack() as stack:
         readers = [stack.enter_context(open_bag(bag)) for bag in bags]
@@ -117,6 +129,7 @@ def merge(bags: list[Path], out: Path) -> Merged:
             metadata |= {f'{number}_{key}': value for key, value in provenance_of(bag).items()}
         doubled = 0
         with whole_bag(out, metadata) as writer:
+            copier = Copier(writer, Account())
             streams = [_stream(reader, number) for number, reader in enumerate(readers)]
             merged = heapq.merge(*streams, key=lambda item: item[:3])
             for stamp_ns, together in itertools.groupby(merged, key=lambda item: item[0]):
@@ -135,8 +148,11 @@ def merge(bags: list[Path], out: Path) -> Merged:
                             f'{bags[number]} and {bags[says[topic]]}: different {topic} at {stamp_ns} ns: '
                             'these are different drives, which cannot be one bag'
                         )
-                    writer.write_raw(topic, stamp_ns, data, _type_of(connection))
-            return Merged(dict(writer.counts), doubled)
+                    _copy(copier, connection, stamp_ns, data)
+            if not writer.counts:
+                raise BagError(f'{bags[0]}: no message can be decoded: {"; ".join(copier.account.lines())}')
+    verify(out, copier)
+    return Merged(dict(copier.account.counts), doubled, copier.account)
 
 
 def _require_messages(bag: Path, reader: Reader) -> None:
@@ -153,9 +169,9 @@ def _require_one_clock(bags: list[Path], readers: list[Reader]) -> None:
 
 
 def _stream(reader: Reader, number: int) -> Iterator[tuple[int, int, int, Any, bytes]]:
-    for count, (connection, stamp_ns, data) in enumerate(messages_in(reader)):
+    for count, (connection, stamp_ns, data) in enumerate(messages_in(reader, any_type=True)):
         yield stamp_ns, number, count, connection, bytes(data)
 
 
-def _type_of(connection: Any) -> tuple[str, str]:
-    return connection.msgtype, connection.msgdef.data
+def _copy(copier: Copier, connection: Any, stamp_ns: int, data: bytes) -> None:
+    copier.write(connection.topic, stamp_ns, data, connection.msgtype, connection.msgdef)

@@ -13,6 +13,7 @@ from msg_adapters.privileged import transition_from_message
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagError, ContractError
 from raw2drive_ros.recording.bag_reader import bag_folder, begin_ns, decoded, messages_in, open_bag
+from raw2drive_ros.recording.bounded_bag import read_metadata
 
 
 def bag_info(path: Path) -> dict[str, Any]:
@@ -23,11 +24,12 @@ def bag_info(path: Path) -> dict[str, Any]:
     episodes: list[str] = []
     refused: list[str] = []
     begun = -1
+    transition_type = topics.BY_NAME[topics.TRANSITION].msgtype
     with open_bag(path) as reader:
         types = {c.topic: c.msgtype for c in reader.connections}
-        for connection, stamp, data in messages_in(reader):
+        for connection, stamp, data in messages_in(reader, any_type=True):
             stamps.setdefault(connection.topic, []).append(stamp)
-            if connection.topic == topics.TRANSITION:
+            if connection.topic == topics.TRANSITION and connection.msgtype == transition_type:
                 try:
                     step, episode = transition_from_message(decoded(factory, reader, connection, data))
                 except (ContractError, BagError) as error:
@@ -71,9 +73,7 @@ def provenance_of(path: Path) -> dict[str, str]:
     """The provenance that the writer put into metadata.yaml. Raises BagError."""
     file = bag_folder(path) / 'metadata.yaml'
     try:
-        loaded = yaml.safe_load(file.read_text())
-        found = dict(loaded['rosbag2_bagfile_information'].get('custom_data') or {})
-    except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError) as error:
-        # The bag library's own YAML reader accepts what this one rejects.
+        found = dict(read_metadata(file.parent).get('custom_data') or {})
+    except (OSError, yaml.YAMLError, ValueError, TypeError) as error:
         raise BagError(f'{file}: damaged: {error}') from error
     return {str(key): str(value) for key, value in found.items()}

@@ -17,7 +17,8 @@ from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagError, ContractError
 from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import bag_folder, decoded, messages_in, open_bag
-from raw2drive_ros.recording.stamped_mcap import ARRIVAL, StampedReader
+from raw2drive_ros.recording.bounded_bag import BoundedReader
+from raw2drive_ros.recording.stamped_mcap import ARRIVAL
 from raw2drive_ros.recording.time_lines import NEAR_NS, SOURCES, TimeLines, stamp_of
 
 # Severity, text, remedy: a `bag_doctor.Complaint`.
@@ -85,7 +86,7 @@ def clock_findings(path: Path) -> list[Finding]:
     ]
 
 
-def _reference(reader: StampedReader) -> str:
+def _reference(reader: BoundedReader) -> str:
     present = {c.topic for c in reader.connections if c.msgcount}
     return next((name for name in SOURCES if name in present), '')
 
@@ -93,7 +94,7 @@ def _reference(reader: StampedReader) -> str:
 class _Counters:
     """lost: by topic, how many counters are missing between the messages of one process."""
 
-    def __init__(self, reader: StampedReader) -> None:
+    def __init__(self, reader: BoundedReader) -> None:
         self.reader, self.factory = reader, RosbagsFactory()
         self.last: dict[str, int] = {}
         self.lost: dict[str, int] = {}

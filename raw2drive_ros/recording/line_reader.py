@@ -10,7 +10,8 @@ from rosbags.interfaces import Connection
 
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.recording.bag_reader import begin_ns, is_latched, messages_in
-from raw2drive_ros.recording.stamped_mcap import ARRIVAL, StampedMcapReader, StampedReader
+from raw2drive_ros.recording.bounded_bag import BoundedReader
+from raw2drive_ros.recording.stamped_mcap import ARRIVAL, StampedMcapReader
 from raw2drive_ros.recording.time_lines import BACK_NS, NEAR_NS, SOURCES, TimeLines, stamp_of
 
 SAMPLE = 300
@@ -24,7 +25,7 @@ class TimeLine:
     drive may have come just before time went back. `connections` are those of the whole bag.
     """
 
-    def __init__(self, reader: StampedReader, number: int, lines: array[int], span: tuple[int, int]) -> None:
+    def __init__(self, reader: BoundedReader, number: int, lines: array[int], span: tuple[int, int]) -> None:
         self.reader, self.number, self.lines = reader, number, lines
         self.path, self.connections = reader.path, reader.connections
         self.start_time, self.end_time = span[0], span[1] + 1
@@ -60,10 +61,10 @@ def _is_kept(connection: Connection) -> bool:
     return is_latched(connection) or (spec is not None and spec.qos.latched)
 
 
-AnyReader = StampedReader | TimeLine
+AnyReader = BoundedReader | TimeLine
 
 
-def time_lines(reader: StampedReader) -> list[AnyReader]:
+def time_lines(reader: BoundedReader) -> list[AnyReader]:
     """The time lines of an open bag: the reader itself where there is one and its times are the stamps.
 
     Bags of this package's recorder have one, which is known without reading them; others are read once. Raises BagError
@@ -104,7 +105,7 @@ def lasts_s(lines: list[AnyReader]) -> float:
     return sum((line.end_time - begin_ns(line)) * 1e-9 for line in lines)
 
 
-def _logs_stamps(reader: StampedReader) -> bool:
+def _logs_stamps(reader: BoundedReader) -> bool:
     """Whether log_time is the stamp itself, by the first messages."""
     told = [
         (log_ns, stamp_of(connection.msgtype, data))
@@ -114,7 +115,7 @@ def _logs_stamps(reader: StampedReader) -> bool:
     return bool(told) and all(log_ns == stamp_ns for log_ns, stamp_ns in told)
 
 
-def _goes_back(reader: StampedReader) -> bool:
+def _goes_back(reader: BoundedReader) -> bool:
     """Whether the log times of a topic that tells the time go back as written; True where no index tells."""
     newest: dict[str, int] = {}
     for storage in getattr(reader.storage, 'storages', [reader.storage]):

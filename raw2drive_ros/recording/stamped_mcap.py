@@ -11,20 +11,21 @@ are read as rosbags reads them.
 
 from __future__ import annotations
 
-import heapq
 import struct
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, McapWriter, decompress, read_exact
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import ChunkInfo, McapWriter
 
-STAMPS, MESSAGE, DATA_END, TAG = 0x80, 0x05, 0x0F, b'raw2drive stamps'
+from raw2drive_ros.bounds import MAX_INDEX_BYTES, Allowance
+from raw2drive_ros.recording.bounded_mcap import BoundedMcap, message_of
+from raw2drive_ros.recording.unpack import records_of
+
+STAMPS, MESSAGE, MESSAGE_INDEX, DATA_END, TAG = 0x80, 0x05, 0x07, 0x0F, b'raw2drive stamps'
 MAX_SKIPPED = 2**32
 # Given as `start`: messages in the order in which they were written, with their log_time.
 ARRIVAL = -1
@@ -35,16 +36,6 @@ _MESSAGE = struct.Struct('<HIQQ')
 _EMPTY = (2**63 - 1, 0)
 
 Written = tuple[Connection, int, bytes]
-
-
-class _Stamped(NamedTuple):
-    """Sorted by stamp, within a stamp as written."""
-
-    stamp_ns: int
-    offset: int
-    number: int
-    connection: Connection | None
-    data: bytes
 
 
 class StampedMcapWriter(McapWriter):
@@ -95,33 +86,16 @@ class StampedWriter(Writer):
         self.write(connection, stamp_ns if received_ns is None else received_ns, data)
 
 
-def _inflated(chunk: ChunkInfo, bio: Any) -> BytesIO:
-    # Opcode and length of the record, then its two times and the size.
-    bio.seek(chunk.chunk_start_offset + _RECORD.size + 24)
-    (crc,) = struct.unpack('<I', read_exact(bio, 4))
-    bio.seek(chunk.chunk_start_offset + _RECORD.size + 40 + len(chunk.compression))
-    packed = read_exact(bio, chunk.compressed_size)
-    return BytesIO(decompress(packed, chunk.compression, chunk.uncompressed_size, crc))
+class StampedMcapReader(BoundedMcap):
+    """ranges: smallest and largest stamp of each chunk by its offset; empty for a file of another writer.
 
-
-def _messages(chunk: ChunkInfo, bio: Any) -> Iterator[tuple[int, int, int, bytes]]:
-    """(channel, log_time, publish_time, data) of a chunk, as written."""
-    inner = _inflated(chunk, bio)
-    while inner.tell() < chunk.uncompressed_size:
-        kind, length = _RECORD.unpack(read_exact(inner, _RECORD.size))
-        record = read_exact(inner, length)
-        if kind == MESSAGE:
-            channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(record)
-            yield channel, log_ns, publish_ns, record[_MESSAGE.size :]
-
-
-class StampedMcapReader(McapReader):
-    """ranges: smallest and largest stamp of each chunk by its offset; empty for a file of another writer."""
+    The times of `chunks` and of `metadata` are those of the stamps where there are ranges.
+    """
 
     ranges: dict[int, tuple[int, int]]
 
-    def _open(self) -> None:
-        super()._open()
+    def _check_index(self) -> None:
+        super()._check_index()
         self.ranges = {}
         for chunk in self.chunks:
             found = self._range_after(chunk)
@@ -130,24 +104,33 @@ class StampedMcapReader(McapReader):
                 return
             self.ranges[chunk.chunk_start_offset] = found
         if self.ranges and self.metadata.message_count:
-            start_ns, end_ns = self.span
+            self.by_publish_time = True
+            ranges = (self.ranges[chunk.chunk_start_offset] for chunk in self.chunks)
+            self.chunks[:] = [
+                chunk._replace(message_start_time=low, message_end_time=high)
+                for chunk, (low, high) in zip(self.chunks, ranges, strict=True)
+            ]
+            start_ns, end_ns = (
+                min(low for low, _ in self.ranges.values()),
+                max(high for _, high in self.ranges.values()),
+            )
             self.metadata = self.metadata._replace(
                 start_time=start_ns, end_time=end_ns + 1, duration=end_ns - start_ns + 1
             )
 
-    @property
-    def span(self) -> tuple[int, int]:
-        """Smallest and largest stamp of the file."""
-        return min(low for low, _ in self.ranges.values()), max(high for _, high in self.ranges.values())
-
     def _range_after(self, chunk: ChunkInfo) -> tuple[int, int] | None:
-        assert self.bio is not None
-        self.bio.seek(chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length)
-        size = _RECORD.size + len(TAG) + _RANGE.size
-        record = self.bio.read(size)
-        if len(record) < size or record[0] != STAMPS or record[_RECORD.size :][: len(TAG)] != TAG:
+        at = chunk.chunk_start_offset + chunk.chunk_length
+        while at < self.data_end:
+            self.bio.seek(at)
+            opcode, length = _RECORD.unpack(self._exact(_RECORD.size))
+            if opcode != MESSAGE_INDEX:
+                break
+            at += _RECORD.size + length
+        else:
             return None
-        low, high = _RANGE.unpack_from(record, _RECORD.size + len(TAG))
+        if opcode != STAMPS or length != len(TAG) + _RANGE.size or self._exact(len(TAG)) != TAG:
+            return None
+        low, high = _RANGE.unpack(self._exact(_RANGE.size))
         return low, high
 
     @property
@@ -157,11 +140,12 @@ class StampedMcapReader(McapReader):
 
     def indexed_times(self) -> Iterator[tuple[str, tuple[int, ...]]]:
         """(topic, log times as written) by chunk, from the index alone."""
-        assert self.bio is not None
         names = {connection.id: connection.topic for connection in self.connections}
         for chunk in sorted(self.chunks, key=lambda c: c.chunk_start_offset):
+            if chunk.message_index_length > MAX_INDEX_BYTES:
+                raise ValueError(f'an index of {chunk.message_index_length} bytes in one chunk')
             self.bio.seek(chunk.chunk_start_offset + chunk.chunk_length)
-            index = BytesIO(read_exact(self.bio, chunk.message_index_length))
+            index = BytesIO(self._exact(chunk.message_index_length))
             while head := index.read(_RECORD.size):
                 record = index.read(_RECORD.unpack(head)[1])
                 (channel,) = struct.unpack_from('<H', record)
@@ -173,49 +157,28 @@ class StampedMcapReader(McapReader):
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Iterator[Written]:
         if start == ARRIVAL:
-            yield from self._arrivals({c.id: c for c in connections})
-        elif self.ranges:
-            yield from self._by_stamp({c.id: c for c in connections}, start, stop)
-        else:
-            yield from super().messages(connections, start, stop)
+            return self._arrivals({c.id: c for c in connections})
+        return super().messages(connections, start, stop)
 
     def _arrivals(self, wanted: dict[int, Connection]) -> Iterator[Written]:
+        allowance = Allowance(self.packed_bytes)
         if not self.chunks:
-            yield from self.messages_scan(list(wanted.values()))
+            for _, opcode, size in self._heads():
+                if opcode == MESSAGE:
+                    content = self._exact(size)
+                    channel, _, log_ns, _ = _MESSAGE.unpack_from(content)
+                    if channel in wanted:
+                        yield wanted[channel], log_ns, message_of(content[_MESSAGE.size :])
             return
         for chunk in sorted(self.chunks, key=lambda c: c.chunk_start_offset):
-            if any(chunk.channel_count.get(channel, 0) for channel in wanted):
-                for channel, log_ns, _, data in _messages(chunk, self.bio):
+            if not any(chunk.channel_count.get(channel, 0) for channel in wanted):
+                continue
+            plain = self.unpacked(chunk, allowance)
+            for opcode, begin, end in records_of(plain):
+                if opcode == MESSAGE:
+                    channel, _, log_ns, _ = _MESSAGE.unpack_from(plain, begin)
                     if channel in wanted:
-                        yield wanted[channel], log_ns, data
-
-    def _by_stamp(self, wanted: dict[int, Connection], start: int | None, stop: int | None) -> Iterator[Written]:
-        low_ns, high_ns = 0 if start is None else start, 2**64 if stop is None else stop
-        sources = []
-        for chunk in self.chunks:
-            low, high = self.ranges[chunk.chunk_start_offset]
-            if low_ns <= high and low < high_ns and any(chunk.channel_count.get(channel, 0) for channel in wanted):
-                keep = _between(low_ns, high_ns)
-                sources.append(self._sorted(chunk, low, wanted, keep))
-        for found in heapq.merge(*sources, key=lambda m: m[:3]):
-            if found.connection is not None:
-                yield found.connection, found.stamp_ns, found.data
-
-    def _sorted(
-        self, chunk: ChunkInfo, low: int, wanted: dict[int, Connection], keep: Callable[[int], bool]
-    ) -> Iterator[_Stamped]:
-        # Before the chunk is read: the merge asks every source for its first message.
-        yield _Stamped(low, chunk.chunk_start_offset, -1, None, b'')
-        found = [
-            _Stamped(stamp_ns, chunk.chunk_start_offset, number, wanted[channel], data)
-            for number, (channel, _, stamp_ns, data) in enumerate(_messages(chunk, self.bio))
-            if channel in wanted and keep(stamp_ns)
-        ]
-        yield from sorted(found, key=lambda m: m[:3])
-
-
-def _between(low_ns: int, high_ns: int) -> Callable[[int], bool]:
-    return lambda stamp_ns: low_ns <= stamp_ns < high_ns
+                        yield wanted[channel], log_ns, message_of(plain[begin + _MESSAGE.size : end])
 
 
 def holds_stamps(file: Path) -> bool:
@@ -231,42 +194,3 @@ def holds_stamps(file: Path) -> bool:
                 return False
             stream.seek(length, 1)
     return False
-
-
-class StampedDirectory(DirectoryReader):
-    """A bag's folder; its times are those of the stamps where its files hold them."""
-
-    STORAGE_PLUGINS: ClassVar[dict[Any, Any]] = {'mcap': StampedMcapReader, 'sqlite3': Sqlite3Reader}
-
-    @property
-    def stamped(self) -> bool:
-        return bool(self.storages) and all(getattr(storage, 'ranges', None) for storage in self.storages)
-
-    def open(self) -> None:
-        super().open()
-        if self.stamped and self.metadata.message_count:
-            spans = [storage.span for storage in self.storages if isinstance(storage, StampedMcapReader)]
-            start_ns, end_ns = min(low for low, _ in spans), max(high for _, high in spans)
-            self.metadata = self.metadata._replace(
-                start_time=start_ns, end_time=end_ns + 1, duration=end_ns - start_ns + 1
-            )
-
-
-class StampedReader(Reader):
-    """A rosbags Reader. `messages` gives stamps, in order of stamps, where the bag holds both times; otherwise what
-    rosbags gives: log times."""
-
-    STORAGE_PLUGINS: ClassVar[dict[Any, Any]] = {
-        **Reader.STORAGE_PLUGINS,
-        'dir': StampedDirectory,
-        '.mcap': StampedMcapReader,
-    }
-
-    @property
-    def stamped(self) -> bool:
-        """Whether log_time is the time of reception and publish_time the stamp."""
-        return bool(getattr(self.storage, 'stamped', None) or getattr(self.storage, 'ranges', None))
-
-    def arrivals(self, connections: Collection[Connection] = ()) -> Iterator[Written]:
-        """(connection, log_time, data) in the order in which they were written (sqlite3: in order of log_time)."""
-        return self.messages(connections, start=ARRIVAL)

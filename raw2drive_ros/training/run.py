@@ -23,6 +23,7 @@ from raw2drive_ros.training.checkpoint import Trainer, load_checkpoint, save_che
 from raw2drive_ros.training.config import RunConfig, make_config, overridden, read_run_config
 from raw2drive_ros.training.dataset import BagArrays, data_line, load_bags, rig_of
 from raw2drive_ros.training.interrupts import noted_interrupts
+from raw2drive_ros.training.left_out import say_left_out
 from raw2drive_ros.training.optimiser import decay_factor
 from raw2drive_ros.training.parallel import ALONE, Ranks
 from raw2drive_ros.training.pictures import overlap_by_class, save_pictures
@@ -66,7 +67,7 @@ class RunFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         body = {'config': config.model_dump(mode='json')} | metadata
         # Written atomically, because no checkpoint can be resumed without it.
-        write_whole(self.path / CONFIG, json.dumps(body, indent=2))
+        write_whole(self.path / CONFIG, json.dumps(body, indent=2), durable=True)
 
     def log(self, step: int, metrics: dict[str, float]) -> None:
         with (self.path / 'metrics.jsonl').open('a') as file:
@@ -130,6 +131,7 @@ def train(
     trainer = _make_trainer(stage, config, bags, teacher_run, steps, ranks)
     t = config.train
     length = t.raw_length if raw else t.length
+    say_left_out(bag_roots, bags, length, ranks)
     replay = Replay(bags, MaskCodec(config.model), length, t.terminal_share, t.seed)
     window: dict[str, Any] = {}
     if ranks.leads:

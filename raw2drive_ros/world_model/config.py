@@ -9,6 +9,13 @@ from pydantic import Field, field_validator, model_validator
 from raw2drive_ros.settings import Strict
 from raw2drive_ros.tables.bev_channels import CHANNELS
 
+# Far above any model of this project. A configuration may come with a bundle of unknown origin, and networks are built
+# before their weights are read.
+_MOST = {'mask_size': 512, 'lift_grid': 256, 'head_layers': 32, 'blocks': 256, 'classes': 1024, 'cell_hidden': 1024}
+_MOST_OF_OTHERS = 16_384
+_MOST_PIXELS = 4096
+_MOST_HEIGHTS = 32
+
 
 class ModelConfig(Strict):
     """Sizes of one model. mask_classes: name -> BEV channels that are merged into it."""
@@ -47,6 +54,15 @@ class ModelConfig(Strict):
         if unknown:
             raise ValueError(f'unknown BEV channels: {", ".join(unknown)}')
         return value
+
+    @model_validator(mode='after')
+    def _plausible(self) -> ModelConfig:
+        for name, value in self:
+            if isinstance(value, int) and not 0 <= value <= _MOST.get(name, _MOST_OF_OTHERS):
+                raise ValueError(f'{name} {value} is not between 0 and {_MOST.get(name, _MOST_OF_OTHERS)}')
+        if max(self.image_size) > _MOST_PIXELS or len(self.lift_heights_m) > _MOST_HEIGHTS:
+            raise ValueError(f'image_size is above {_MOST_PIXELS} or lift_heights_m has more than {_MOST_HEIGHTS}')
+        return self
 
     @model_validator(mode='after')
     def _cells_share_the_groups(self) -> ModelConfig:

@@ -22,17 +22,19 @@ from raw2drive_ros.artifact import (
     CARD,
     WEIGHTS,
     check_manifest,
+    hash_of_file,
     load_weights,
     model_card,
     save_weights,
-    short_hash,
     whole_folder,
 )
+from raw2drive_ros.bounds import MAX_CHECKPOINT_BYTES, read_json
 from raw2drive_ros.contracts.actions import ACTION_COUNT, table_hash
 from raw2drive_ros.contracts.errors import CheckpointError
 from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
 from raw2drive_ros.world_model.config import ModelConfig
+from raw2drive_ros.world_model.parameter_budget import parameter_budget
 from raw2drive_ros.world_model.run_files import TENSORS, checkpoint_of, load_modules, read_checkpoint, read_run, run_of
 from raw2drive_ros.world_model.streams import PrivilegedWorldModel
 
@@ -71,8 +73,8 @@ def load_teacher(path: Path) -> Teacher:
     if is_bundle(path):
         return _load_bundle(path)
     checkpoint = checkpoint_of(path)
-    teacher = _untrained(read_run(run_of(checkpoint))['config'], checkpoint)
     tensors, state = read_checkpoint(checkpoint)
+    teacher = _untrained(read_run(run_of(checkpoint))['config'], checkpoint, TENSORS)
     load_modules(checkpoint, tensors, teacher.modules())
     teacher.steps = int(state['steps'])
     return teacher
@@ -82,7 +84,7 @@ def teacher_identity(path: Path) -> str:
     """A short hash of a teacher's weights. Raises CheckpointError."""
     if is_bundle(path):
         return str(read_manifest(path)['identity'])
-    return short_hash((checkpoint_of(path) / TENSORS).read_bytes())
+    return hash_of_file(checkpoint_of(path) / TENSORS)[:16]
 
 
 def save_teacher(target: Path, teacher: Teacher, config: dict[str, Any], metadata: dict[str, Any]) -> str:
@@ -111,7 +113,7 @@ def save_teacher(target: Path, teacher: Teacher, config: dict[str, Any], metadat
 def read_manifest(path: Path) -> dict[str, Any]:
     """`teacher.json` of a bundle. Raises CheckpointError."""
     try:
-        body: dict[str, Any] = json.loads((path / MANIFEST).read_text())
+        body: dict[str, Any] = read_json(path / MANIFEST)
         if not isinstance(body.get('config'), dict) or not isinstance(body.get(METADATA), dict):
             raise TypeError('config and facts have to be tables')
         check_manifest(path, body, 'teacher', FORMAT, {'action_table': table_hash()}, CheckpointError)
@@ -122,14 +124,16 @@ def read_manifest(path: Path) -> dict[str, Any]:
     return body
 
 
-def _untrained(config: dict[str, Any], source: Path) -> Teacher:
-    """Fresh networks of the sizes in `config`, `model` and `train` of a run. Raises CheckpointError."""
+def _untrained(config: dict[str, Any], source: Path, weights: str) -> Teacher:
+    """Fresh networks of the sizes in `config`, `model` and `train` of a run, as far as the file `weights` in `source`
+    can fill them. Raises CheckpointError."""
     try:
         model, train = ModelConfig(**config['model']), config['train']
         advised = float(train.get('weight_advice', 0.0)) > 0.0
         gamma = float(train['gamma'])
-        networks = PrivilegedWorldModel(model, EGO_SIZE, ACTION_COUNT, advised=advised)
-        return Teacher(model, networks, Policy(model, ACTION_COUNT), gamma)
+        with parameter_budget(source / weights, MAX_CHECKPOINT_BYTES):
+            networks = PrivilegedWorldModel(model, EGO_SIZE, ACTION_COUNT, advised=advised)
+            return Teacher(model, networks, Policy(model, ACTION_COUNT), gamma)
     except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RuntimeError, IndexError) as error:
         # Whatever impossible sizes lead to when networks are built.
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -140,7 +144,7 @@ def _load_bundle(path: Path) -> Teacher:
     body = read_manifest(path)
     try:
         tensors = load_weights(path, body['identity'], CheckpointError)
-        teacher = _untrained(body['config'], path)
+        teacher = _untrained(body['config'], path, WEIGHTS)
         for key in [key for key in tensors if key.startswith('policy/critic.fast.')]:
             tensors[key.replace('.fast.', '.slow.')] = tensors[key]
         load_modules(path / WEIGHTS, tensors, teacher.modules())

@@ -1,12 +1,14 @@
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-from raw2drive_ros.contracts.errors import BundleError, ContractError
+from raw2drive_ros.contracts.errors import BundleError, ContractError, NonFiniteError
 from raw2drive_ros.contracts.public import ImuSample, OdometrySample, Route, SensorFrame
-from raw2drive_ros.driving.bundle import check_rig, load_bundle
+from raw2drive_ros.driving.bundle import check_rig, load_bundle, save_bundle
 from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.simulation.camera_rig import camera_rig
 
@@ -49,6 +51,51 @@ def flip(file) -> None:
     data = bytearray(file.read_bytes())
     data[-1] ^= 1
     file.write_bytes(bytes(data))
+
+
+@pytest.mark.parametrize('value', [float('nan'), float('inf'), float('-inf')])
+@pytest.mark.parametrize('part', ['model', 'actor'])
+def test_weights_that_are_not_finite_are_refused_at_load_and_at_export(bundle, tmp_path, part, value) -> None:
+    """All hashes are right: whoever writes NaN into a bundle can write the hashes of that."""
+    loaded = load_bundle(bundle)
+    weight = next(iter(getattr(loaded, part).parameters()))
+    with torch.no_grad():
+        weight.view(-1)[0] = value
+    arguments = loaded.config, loaded.rig, loaded.model, loaded.actor, {}
+    with pytest.raises(NonFiniteError, match=f'{part}/.* not finite'):
+        save_bundle(tmp_path / 'refused', *arguments)
+    assert not (tmp_path / 'refused').exists()
+    monkey = pytest.MonkeyPatch()
+    with monkey.context() as patch:
+        patch.setattr('raw2drive_ros.artifact.not_finite', lambda tensors: '')
+        save_bundle(tmp_path / 'bundle', *arguments)
+    with pytest.raises(BundleError, match=f'{part}/.* holds weights that are not finite'):
+        load_bundle(tmp_path / 'bundle')
+
+
+def test_weights_beyond_half_precision_are_not_exported(bundle, tmp_path) -> None:
+    """As float16 they would be infinite."""
+    loaded = load_bundle(bundle)
+    with torch.no_grad():
+        next(iter(loaded.actor.parameters())).view(-1)[0] = 70_000.0
+    with pytest.raises(NonFiniteError, match='not finite as float16'):
+        save_bundle(tmp_path / 'bundle', loaded.config, loaded.rig, loaded.model, loaded.actor, {})
+
+
+@pytest.mark.parametrize('value', [float('nan'), float('inf'), float('-inf')])
+def test_nothing_is_proposed_from_logits_that_are_not_finite(bundle, value) -> None:
+    driver = RawDriver(load_bundle(bundle))
+    route = Route(0, np.array([[0.0, 0.0], [25.0, 0.0]]))
+    driver.drive(frame_of(96, 160), route)
+    before = driver.state
+    bias = next(p for name, p in driver.agent.actor.named_parameters() if name.endswith('bias') and p.shape == (39,))
+    good = bias.clone()
+    bias.fill_(value)
+    with pytest.raises(ContractError, match='not finite'):
+        driver.drive(replace(frame_of(96, 160), stamp_ns=100_000_000), route)
+    assert driver.state is before, 'the state from before is kept'
+    bias.copy_(good)
+    assert driver.drive(replace(frame_of(96, 160), stamp_ns=200_000_000), route).action >= 0
 
 
 def test_every_difference_between_rigs_is_named(bundle) -> None:

@@ -15,8 +15,9 @@ from raw2drive_ros.contracts.public import SensorFrame
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.raw_driver import RawDriver
 from raw2drive_ros.evaluation.verify import verify_bag
-from raw2drive_ros.recording.bag_reader import open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter
+from raw2drive_ros.recording.ticks import read_ticks
 from raw2drive_ros.recording.time_lines import stamp_of
 from raw2drive_ros.tables.rates import DECISION_NS
 

@@ -15,8 +15,9 @@ from raw2drive_ros.evaluation.verify import verify_bag
 from raw2drive_ros.graph.drive import GraphJob, drive_graph
 from raw2drive_ros.graph.processes import reserve_domain, running_graph
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag
 from raw2drive_ros.recording.events import events_of
+from raw2drive_ros.recording.ticks import read_ticks
 from raw2drive_ros.simulation.route_id import RouteId
 
 ROOT = Path(__file__).resolve().parents[2]

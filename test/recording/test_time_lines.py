@@ -10,11 +10,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.recording.bag_info import bag_info
-from raw2drive_ros.recording.bag_reader import find_bags, open_bag, read_ticks
+from raw2drive_ros.recording.bag_reader import find_bags, open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.line_reader import lasts_s, time_lines
 from raw2drive_ros.recording.recorder import Recording, RingBuffer
 from raw2drive_ros.recording.recover import recover
+from raw2drive_ros.recording.ticks import read_ticks
 from raw2drive_ros.recording.time_lines import TimeLines
 
 MS, S = 1_000_000, 1_000_000_000
