@@ -75,6 +75,8 @@ class SafetyGateNode(Node):
         key = load_key(self.context.get_domain_id())
         self.sender = Sender(topics.COMMAND, key)
         self.inputs = GateInputs(self.gate, key, signed_proposals=bool(p['signed_proposals']))
+        if not p['signed_proposals']:
+            self.get_logger().warning('proposals are not authenticated: whoever publishes them steers, within the limits')
         self.factory = RclpyFactory()
         self.losses = LossCounter()
         self.output = make_publisher(self, topics.COMMAND)
