@@ -33,6 +33,10 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=[
+        # What rosbags itself unpacks and reads bags with; here the same with limits.
+        'apsw>=3.46',
+        'backports.zstd>=1; python_version < "3.14"',
+        'lz4>=4',
         'av>=13',
         'gymnasium>=1.0',
         'highway-env>=1.12,<1.13',
@@ -45,7 +49,8 @@ setup(
         'pydantic>=2.7',
         'pyyaml>=6',
         'rich>=13',
-        'rosbags>=0.11,<0.12',
+        # Its storage classes are subclassed.
+        'rosbags>=0.11.9,<0.12',
         'safetensors>=0.5',
         'setuptools',
         # Shell completion; pure Python, without dependencies, imported by `raw2drive completion` only.

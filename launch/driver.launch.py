@@ -13,6 +13,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from raw2drive_ros.cli.graph_options import namespace as with_slash
 from raw2drive_ros.contracts.errors import UsageError
 from raw2drive_ros.graph.driver_nodes import DriverOptions, driver_nodes, is_simulated
 from raw2drive_ros.graph.processes import SHARED
@@ -42,7 +43,7 @@ def nodes(context: object) -> list:
         monitor=Path(value('monitor')) if value('monitor') else None,
     )
     simulated = {'use_sim_time': is_simulated(options)}
-    namespace = value('namespace')
+    namespace = with_slash(value('namespace'))
     place = {'namespace': namespace, 'remappings': [(t, namespace + t) for t in SHARED]} if namespace else {}
     # The nodes choose their DDS profile by this variable.
     open_network = '1' if is_true('network', value('network')) else ''

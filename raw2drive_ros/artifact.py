@@ -34,8 +34,11 @@ def short_hash(data: bytes) -> str:
 
 def hash_of_file(path: Path) -> str:
     """SHA-256 of a regular file, in hex, without holding it in memory. Raises OSError."""
+    digest = hashlib.sha256()
     with BoundedFile(path, MIB) as file:
-        return hashlib.file_digest(file, 'sha256').hexdigest()
+        while part := file.read(MIB):
+            digest.update(part)
+    return digest.hexdigest()
 
 
 def partial_name(target: Path) -> Path:

@@ -127,6 +127,13 @@ def test_launch_file_and_verb_start_the_same_nodes(monkeypatch, given, arguments
     assert [{name: node[name] for name in ('executable', 'parameters')} for node in made] == verb
 
 
+def test_the_nodes_of_a_namespace_have_a_clock_of_their_own(monkeypatch) -> None:
+    made = stand_ins(monkeypatch, {'namespace': 'car1'})
+    runpy.run_path(str(ROOT / 'launch' / 'driver.launch.py'))['generate_launch_description']()
+    own = [('/clock', '/car1/clock'), ('/diagnostics', '/car1/diagnostics')]
+    assert [(node['namespace'], node['remappings']) for node in made] == [('/car1', own)] * 2
+
+
 def test_every_executable_that_lands_on_the_path_has_our_name() -> None:
     """pip puts them beside everybody else's programs: a `bridge` or a `player` of ours would hide theirs."""
     lines = re.findall(r"^\s+'(\S+) = raw2drive_ros\.(\S+):main',$", (ROOT / 'setup.py').read_text(), re.MULTILINE)

@@ -78,7 +78,8 @@ def _topics(seen: Observation, names: list[str]) -> Iterator[Verdict]:
         if spec.qos.latched and not topic.transient_local:
             yield Verdict(check, 'error', 'volatile: late subscribers never get it', 'durability TRANSIENT_LOCAL')
         elif spec.qos.reliable and not topic.reliable:
-            yield Verdict(check, 'error', 'best effort: reliable subscribers do not match', 'reliability RELIABLE')
+            fix = 'reliability RELIABLE, or raw2drive drive --sensor-reliability best_effort'
+            yield Verdict(check, 'error', 'best effort: reliable subscribers do not match', fix)
         else:
             yield Verdict(check, 'passed', 'matches')
         if topic.refused:
@@ -109,7 +110,7 @@ def _times(seen: Observation, names: list[str], cameras: tuple[str, ...], *, com
         shared = set.intersection(*sets)
         share = len(shared) / max(map(len, sets))
         fine = share >= 0.9
-        fix = '' if fine else 'trigger the cameras together and give them one stamp'
+        fix = '' if fine else 'trigger the cameras together and give them one stamp, or drive --camera-skew 0.02'
         text = f'{100 * share:.0f} % of the pictures have a partner in every camera'
         yield Verdict('cameras: one stamp for all', 'passed' if fine else 'error', text, fix)
         yield from _samples(seen, sorted(shared or sets[0]))
@@ -134,7 +135,7 @@ def _rate(name: str, wanted: float, rate: float) -> Verdict:
         fix = f'more than needed: {wanted:g} Hz are enough, with a sample at every picture'
         return Verdict(check, 'warning', text, fix)
     if times:
-        fix = f'give the planner the parameter decimation:={times}, or publish at {wanted:g} Hz'
+        fix = f'the planner takes one picture in {times} by itself; {wanted:g} Hz would spare the others'
         return Verdict(check, 'warning', f'{text}, {times} times {wanted:g} Hz', fix)
     fix = f'{wanted:g} Hz by the stamps' + ('' if motion else ', or a whole multiple of it for cameras')
     return Verdict(check, 'error', text, fix)
@@ -185,7 +186,7 @@ def _samples(seen: Observation, pictures: list[int]) -> Iterator[Verdict]:
         share = len(set(inside) & set(stamps)) / len(inside)
         fine = share >= 0.9 / times
         text = f'{100 * share:.0f} % of the pictures have a sample of the same stamp'
-        fix = '' if fine else 'sample at the stamps of the pictures, or let the planner interpolate (its parameters)'
+        fix = '' if fine else 'sample at the stamps of the pictures, or raw2drive drive --interpolate-age 0.05'
         yield Verdict(f'{name}: at the pictures', 'passed' if fine else 'warning', text, fix)
 
 
@@ -208,8 +209,8 @@ def _cameras(seen: Observation, rig: tuple[CameraCalibration, ...]) -> Iterator[
         check = f'camera {wanted.name}: calibration'
         if distortion := seen.distortion.get(wanted.name):
             text = f'lens distortion, D = {", ".join(f"{value:.3g}" for value in distortion)}'
-            fix = 'publish rectified pictures with the K of the rectified picture, or let the planner rectify them'
-            yield Verdict(check, 'error', text, fix)
+            fix = 'the planner rectifies its pictures; this check cannot compare them. Better: publish rectified ones'
+            yield Verdict(check, 'warning', text, fix)
         elif found is None:
             yield Verdict(check, 'error', 'not known', 'publish camera_info and extrinsics')
         elif (found.height, found.width) != (wanted.height, wanted.width):
@@ -220,7 +221,7 @@ def _cameras(seen: Observation, rig: tuple[CameraCalibration, ...]) -> Iterator[
         if image is None:
             continue
         check = f'camera {wanted.name}: picture'
-        if image.shape[:2] != (wanted.height, wanted.width):
+        if image.shape[:2] != (wanted.height, wanted.width) and not distortion:
             text = f'{image.shape[0]}x{image.shape[1]}, the bundle needs {wanted.height}x{wanted.width}'
             yield Verdict(check, 'error', text, 'images and camera_info must agree')
         elif int(image.max()) - int(image.min()) < BLIND_LEVELS:

@@ -34,6 +34,7 @@ def driver_nodes(options: DriverOptions) -> dict[str, dict[str, Any]]:
             'clock': 'ros' if options.lock_step else 'steady',
             'simulated': is_simulated(options),
             'config': str(options.gate.resolve()) if options.gate else '',
+            'sensor_reliability': options.sensor_reliability,
         },
         'planner': {
             'bundle': str(options.bundle.resolve()),

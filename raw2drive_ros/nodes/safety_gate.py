@@ -23,7 +23,7 @@ from raw2drive_ros.driving.single_writer import Sender
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
 from raw2drive_ros.nodes.keys import load_key
 from raw2drive_ros.nodes.latch_file import LatchFile
-from raw2drive_ros.nodes.parameters import declare
+from raw2drive_ros.nodes.parameters import declare, wants_best_effort
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, make_subscription
 from raw2drive_ros.nodes.runtime import StopRequest, run_node, spin, steady_clock
 from raw2drive_ros.tables.rates import DIAGNOSTICS_HZ
@@ -61,6 +61,7 @@ class SafetyGateNode(Node):
                 'simulated': (False, 'offer ~/start_over to a simulation that puts the car elsewhere'),
                 'config': ('', "limits and stops of this vehicle (default: params/gate.yaml, the simulated car's)"),
                 'signed_proposals': (True, 'false: take the proposals of a planner that cannot sign them'),
+                'sensor_reliability': ('reliable', 'QoS of odometry: reliable or best_effort'),
             },
         )
         if p['clock'] not in ('steady', 'ros'):
@@ -75,13 +76,17 @@ class SafetyGateNode(Node):
         key = load_key(self.context.get_domain_id())
         self.sender = Sender(topics.COMMAND, key)
         self.inputs = GateInputs(self.gate, key, signed_proposals=bool(p['signed_proposals']))
+        if not p['signed_proposals']:
+            self.get_logger().warning(
+                'proposals are not authenticated: whoever publishes them steers, within the limits'
+            )
         self.factory = RclpyFactory()
         self.losses = LossCounter()
         self.output = make_publisher(self, topics.COMMAND)
         self.logged: tuple[GateState | None, str] = (None, '')
         self.said_s = 0.0
         self.last_stamp_ns = 0
-        self._listen()
+        self._listen(best_effort=wants_best_effort(p['sensor_reliability']))
         activate = self.create_service(Trigger, '~/activate', self._on_activate)
         domain = self.context.get_domain_id()
         call = f'raw2drive call {activate.service_name}' + (f' --domain {domain}' if domain else '')
@@ -98,7 +103,7 @@ class SafetyGateNode(Node):
         # On the steady clock: a paused simulation must not silence the gate.
         self.create_timer(1.0 / timing.gate_rate_hz, self._on_timer, clock=steady)
 
-    def _listen(self) -> None:
+    def _listen(self, *, best_effort: bool) -> None:
         """Subscribe. In this order queued messages are handled: what is known of the car comes before proposals."""
         callbacks = {topics.STATUS: self._on_status, topics.ODOMETRY: self._on_odometry, topics.CLOCK: self._on_clock}
         callbacks |= {topics.AUTONOMY: self._on_autonomy, topics.PROPOSED: self._on_proposal}
@@ -107,7 +112,9 @@ class SafetyGateNode(Node):
         # After remapping and namespace: what counts is who publishes what this node hears.
         self.watched = {'commands': self.output.topic_name}
         for name, callback in callbacks.items():
-            self.watched[KINDS[name]] = make_subscription(self, name, callback, self.losses).topic_name
+            loose = best_effort and name == topics.ODOMETRY
+            made = make_subscription(self, name, callback, self.losses, best_effort=loose)
+            self.watched[KINDS[name]] = made.topic_name
 
     def run(self, executor: SingleThreadedExecutor) -> None:
         spin(self, executor, until=lambda: self.stop.requested)

@@ -145,7 +145,9 @@ def _out_of_order(path: Path) -> list[Complaint]:
     backwards: dict[str, int] = {}
     # What cannot be read as a whole is complained of elsewhere.
     with suppress(BagError), open_bag(path) as reader:
-        messages = checked_messages(reader, RosbagsFactory(), {topics.IMU, topics.ODOMETRY}, Verdicts())
+        # A foreign type has a complaint of its own.
+        fit = {c.topic for c in reader.connections if c.msgtype == getattr(topics.BY_NAME.get(c.topic), 'msgtype', '')}
+        messages = checked_messages(reader, RosbagsFactory(), {topics.IMU, topics.ODOMETRY} & fit, Verdicts())
         for topic, _, message in messages:
             stamp = stamp_ns(message.header.stamp)
             if stamp < last.get(topic, stamp):

@@ -47,7 +47,7 @@ def bag_folder(path: Path) -> Path:
 
 
 @contextmanager
-def open_bag(path: Path) -> Iterator[Reader]:
+def open_bag(path: Path) -> Iterator[BoundedReader]:
     """A rosbags Reader. Raises BagError for anything that is not a whole, readable bag."""
     if not path.exists():
         killed = partial_folder(path).is_dir()

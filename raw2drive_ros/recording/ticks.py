@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rosbags.rosbag2 import Reader
-
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import (
     advice_from_message,
@@ -25,6 +23,7 @@ from raw2drive_ros.contracts.verdicts import Verdicts
 from raw2drive_ros.driving.continuity import BACK_NS, follows
 from raw2drive_ros.driving.planner_inputs import PlannerInputs
 from raw2drive_ros.recording.bag_reader import decoded, messages_in
+from raw2drive_ros.recording.line_reader import AnyReader
 from raw2drive_ros.tables.rates import DECISION_NS
 
 # Incomplete ticks that are kept for the rest of their messages, and samples of IMU and odometry: a recording in which
@@ -283,7 +282,7 @@ def _is_boundary(parts: dict[str, Any]) -> bool:
     return transition is not None and (transition.is_first or transition.is_last or transition.is_terminal)
 
 
-def camera_topics(reader: Reader) -> dict[str, str]:
+def camera_topics(reader: AnyReader) -> dict[str, str]:
     """topic -> camera for every camera that the bag holds: its raw topic, or else its compressed one."""
     present = {connection.topic for connection in reader.connections}
     found = {}
@@ -296,7 +295,7 @@ def camera_topics(reader: Reader) -> dict[str, str]:
 
 
 def checked_messages(
-    reader: Reader, factory: RosbagsFactory, wanted: set[str], verdicts: Verdicts
+    reader: AnyReader, factory: RosbagsFactory, wanted: set[str], verdicts: Verdicts
 ) -> Iterator[tuple[str, int, Any]]:
     """(topic, recorded stamp, message) of the wanted topics; bytes that are no message of their type are refused."""
     connections = [c for c in reader.connections if c.topic in wanted]
@@ -322,7 +321,7 @@ def checked(topic: str, message: Any, verdicts: Verdicts) -> Any:
     return value
 
 
-def read_advice(reader: Reader, factory: RosbagsFactory, verdicts: Verdicts | None = None) -> dict[int, int]:
+def read_advice(reader: AnyReader, factory: RosbagsFactory, verdicts: Verdicts | None = None) -> dict[int, int]:
     """stamp -> the expert's action there, in bags that hold it. Refused messages are left out, and counted."""
     verdicts = Verdicts() if verdicts is None else verdicts
     messages = checked_messages(reader, factory, {topics.ADVICE}, verdicts)
@@ -331,7 +330,7 @@ def read_advice(reader: Reader, factory: RosbagsFactory, verdicts: Verdicts | No
 
 
 def read_ticks(
-    reader: Reader, path: Path, *, cameras: bool, privileged: bool = True, counts: TickCounts | None = None
+    reader: AnyReader, path: Path, *, cameras: bool, privileged: bool = True, counts: TickCounts | None = None
 ) -> Iterator[BagTick]:
     """Decision ticks in time order. A tick is complete when its last expected message has arrived.
 

@@ -21,7 +21,7 @@ import hashlib
 import json
 import shutil
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,12 +37,13 @@ from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
 from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import open_bag, read_calibrations, require_topics
+from raw2drive_ros.recording.line_reader import time_lines
 from raw2drive_ros.recording.ticks import BagTick, TickCounts, camera_topics, read_advice, read_ticks
 from raw2drive_ros.tables.vector_layout import EGO_SIZE, VECTOR_SIZE
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 
-CACHE_VERSION = 6
+CACHE_VERSION = 7
 ARRAYS = ('masks', 'ego', 'vector', 'action', 'advice', 'reward', 'flags')
 FIRST, TERMINAL, LAST, CUT = 1, 2, 4, 8
 # In bags of this driver that hold no advice, its actions are taken as the advice.
@@ -153,6 +154,15 @@ def _build(path: Path, folder: Path, codec: MaskCodec, *, cameras: bool) -> None
             (partial / 'episodes.json').write_text(json.dumps(episodes))
 
 
+def _drives(reader: Any, path: Path, counts: TickCounts, *, cameras: bool) -> Iterator[tuple[BagTick, dict[int, int]]]:
+    """Every tick with the advice of its time line: a bag in which time goes back holds several, which share stamps."""
+    for number, line in enumerate(time_lines(reader)):
+        counts.back += number > 0
+        advised = read_advice(line, RosbagsFactory(), counts.verdicts)
+        for tick in read_ticks(line, path, cameras=cameras, counts=counts):
+            yield tick, advised
+
+
 def _fill(
     reader: Any, path: Path, folder: Path, codec: MaskCodec, count: int, counts: TickCounts, *, cameras: bool
 ) -> list[str]:
@@ -161,13 +171,12 @@ def _fill(
     ego = np.zeros((count, EGO_SIZE), np.float32)
     vector = np.zeros((count, VECTOR_SIZE), np.float32)
     action, advice = np.zeros(count, np.int64), np.full(count, -1, np.int64)
-    advised = read_advice(reader, RosbagsFactory(), counts.verdicts)
     reward = np.zeros(count, np.float32)
     flags = np.zeros(count, np.uint8)
     images: Any = None
     episodes: list[str] = []
     progress, n, back = RouteProgress(), 0, 0
-    for tick in read_ticks(reader, path, cameras=cameras, counts=counts):
+    for tick, advised in _drives(reader, path, counts, cameras=cameras):
         assert tick.privileged is not None and tick.transition is not None
         step = tick.transition
         if counts.back != back:

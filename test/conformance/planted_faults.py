@@ -116,7 +116,9 @@ FAULTS = (
     Fault('stamps 1.5 s late', 'clock: stamps', 'too old', age_s=1.5),
     Fault('stamps 1.5 s in the future', 'clock: stamps', 'in the future', age_s=-1.5),
     Fault('cameras at 15 Hz', 'rate, 12 times', 'whole multiple', camera_hz=15),
-    Fault('lens distortion', 'camera front: calibration', 'lens distortion', message=info('front', distorted)),
+    Fault(
+        'lens distortion', 'camera front: calibration', 'lens distortion', 'warning', message=info('front', distorted)
+    ),
     Fault('another K than the bundle', 'camera front: calibration', 'intrinsics 15', message=info('front', scaled_k)),
     Fault('best effort', 'QoS, 14 times', 'reliability RELIABLE', reliable=False),
     Fault('brake does nothing', 'brake stops', 'must stop the car', control=lambda c: replace(c, brake=0.0)),
@@ -166,7 +168,7 @@ FAULTS = (
     Fault('speed in km/h', 'odometry: twist', 'km/h', message=odometry(speed(3.6))),
     Fault('heading to the right', 'odometry: heading', 'heading of the pose', message=odometry(heading_reversed)),
     Fault('IMU mounted backwards', 'imu: forward acceleration', 'looks backwards', message=imu(backwards)),
-    Fault('cameras at 30 Hz', 'rate, 12 times', 'decimation:=3', 'warning', camera_hz=30),
+    Fault('cameras at 30 Hz', 'rate, 12 times', 'one picture in 3', 'warning', camera_hz=30),
     Fault('a stranger can drive it', 'a foreign command is refused', 'obey one publisher', obeys_strangers=True),
 )
 # These show while the car stands.

@@ -17,7 +17,8 @@ def test_services_are_listed_called_and_refuse_with_a_reason(bag, tmp_path, caps
         graph.start('player', {'bag': str(bag), 'paused': True, 'wait_for_subscribers': 0}, sim_time=False)
         assert call('/player/pause', 'true') == (0, 'paused at 1000000000 ns\n')
         assert call('/player/step') == (0, 'a step\n')
-        assert call('/safety_gate/activate') == (0, 'waiting\n')
+        code, text = call('/safety_gate/activate')
+        assert (code, 'the speed is unknown: no odometry' in text) == (1, True)
         assert call('/player/seek', '--set', 'start_s=3', '--set', 'rate=2') == (0, 'to 3.0 s\n')
         code, text = call()
         assert code == 0

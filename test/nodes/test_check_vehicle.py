@@ -89,7 +89,7 @@ def test_a_planted_fault_is_named_in_a_graph(tmp_path, name) -> None:
         time.sleep(4.0)
         code, verdicts = check(tmp_path, domain, '--allow-motion')
     wrong = [v for v in verdicts if v['severity'] in ('error', 'warning')]
-    assert (code, [v['check'] for v in wrong]) == (1, [fault.check])
+    assert (code, [v['check'] for v in wrong]) == (1, [fault.check]), wrong
     assert fault.words in f'{wrong[0]["text"]} {wrong[0]["remedy"]}'
 
 
