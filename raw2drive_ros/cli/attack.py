@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from raw2drive_ros.cli.domain_option import add_domain_argument
+
 if TYPE_CHECKING:
     from raw2drive_ros.graph.attack import Outcome
 
@@ -26,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=0, help='of moments, steering and rates (0)')
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--out', type=Path, default=Path('runs/attack'), help='folder of the logs')
-    parser.add_argument('--domain', type=int, help='ROS domain (default: the first free one from 50 on)')
+    add_domain_argument(parser, free=True)
     parser.add_argument('--json', action='store_true', help='print the outcomes as JSON lines')
 
 
@@ -54,21 +56,24 @@ def run(options: argparse.Namespace) -> int:
     load_bundle(bundle)
     logs = options.out / 'logs'
     shutil.rmtree(logs, ignore_errors=True)
-    with reserve_domain(options.domain) as domain, bar('attack', len(chosen), 'attacks') as advance:
-        done: list[Outcome] = []
+    done: list[Outcome] = []
+    try:
+        with reserve_domain(options.domain) as domain, bar('attack', len(chosen), 'attacks') as advance:
 
-        def on_outcome(outcome: Outcome) -> None:
-            done.append(outcome)
-            advance(len(done), outcome.attack)
+            def on_outcome(outcome: Outcome) -> None:
+                done.append(outcome)
+                advance(len(done), outcome.attack)
 
-        found = run_attacks(logs, domain, bundle, chosen, options.seed, on_outcome)
-    if options.json:
-        print('\n'.join(json.dumps(asdict(outcome) | {'passed': outcome.passed}) for outcome in found))
-    else:
-        _print(found)
-    survived = sum(outcome.passed for outcome in found)
-    print(f'{survived} of {len(found)} attacks survived; logs in {logs}', file=sys.stderr)
-    return 0 if survived == len(found) else 1
+            run_attacks(logs, domain, bundle, chosen, options.seed, on_outcome)
+    finally:
+        # Also where the graph fails, or at Ctrl-C: what was measured so far.
+        if options.json:
+            print('\n'.join(json.dumps(asdict(outcome) | {'passed': outcome.passed}) for outcome in done))
+        elif done:
+            _print(done)
+    survived = sum(outcome.passed for outcome in done)
+    print(f'{survived} of {len(done)} attacks survived; logs in {logs}', file=sys.stderr)
+    return 0 if survived == len(done) else 1
 
 
 def _print(found: list[Outcome]) -> None:

@@ -73,7 +73,7 @@ def test_help_says_it() -> None:
 def test_record_says_when_it_heard_nobody(heard, monkeypatch, tmp_path, capsys) -> None:
     """The recorder always hears what it says of itself on /diagnostics."""
 
-    def run_single(nodes, domain, *, sim_time):
+    def run_single(nodes, domain, **rest):
         assert domain == 11
         with BagWriter(tmp_path / 'bag') as bag:
             said = diagnostics_to_message(bag.factory, 'recorder', OK, 'recording', {}, 1_000)

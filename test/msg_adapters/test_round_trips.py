@@ -170,7 +170,7 @@ def test_quaternions_and_matrices_agree(values) -> None:
 def test_privileged(factory, seed) -> None:
     rng = np.random.default_rng(seed)
     bev = rng.random((CHANNEL_COUNT, 128, 128)) < 0.3
-    frame = PrivilegedFrame(9, bev, rng.standard_normal(5).astype(np.float32))
+    frame = PrivilegedFrame(9, bev, rng.random(5).astype(np.float32))
     back = privileged.privileged_from_messages(
         privileged.bev_to_message(factory, bev, 9), privileged.ego_to_message(factory, frame)
     )
