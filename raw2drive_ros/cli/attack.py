@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from raw2drive_ros.cli.domain_option import add_domain_argument
+from raw2drive_ros.cli.domain_option import domain_id
 
 if TYPE_CHECKING:
     from raw2drive_ros.graph.attack import Outcome
@@ -28,7 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=0, help='of moments, steering and rates (0)')
     parser.add_argument('--bundle', type=Path, help='policy bundle (default: the shipped one)')
     parser.add_argument('--out', type=Path, default=Path('runs/attack'), help='folder of the logs')
-    add_domain_argument(parser, free=True)
+    # Not ROS_DOMAIN_ID: in a robot's own domain its car would be attacked too.
+    parser.add_argument(
+        '--domain',
+        type=domain_id,
+        help='ROS domain (default: the first free one from 50 on, whatever ROS_DOMAIN_ID is)',
+    )
     parser.add_argument('--json', action='store_true', help='print the outcomes as JSON lines')
 
 

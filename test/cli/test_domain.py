@@ -14,7 +14,9 @@ from raw2drive_ros.graph import foreground
 from raw2drive_ros.recording.bag_writer import BagWriter
 
 PARSERS = build_parser(VERBS)[1]
-WITH_DOMAIN = sorted(verb for verb, parser in PARSERS.items() if '--domain' in parser.format_help())
+WITH_DOMAIN = sorted(
+    verb for verb, parser in PARSERS.items() if '--domain' in parser.format_help() and verb != 'attack'
+)
 # Arguments that a verb cannot do without.
 NEEDED = {'adapt': ['twist'], 'faults': ['list'], 'record': ['--out', 'x'], 'replay': ['x']}
 
@@ -26,6 +28,12 @@ def parsed(verb: str, *more: str) -> argparse.Namespace:
 def test_every_verb_of_a_graph_has_the_option() -> None:
     ours = {'adapt', 'call', 'carla', 'check-vehicle', 'demo', 'drive', 'faults', 'record', 'replay', 'sim', 'soak'}
     assert ours <= set(WITH_DOMAIN)
+
+
+def test_an_attack_goes_into_no_domain_that_it_was_not_told(monkeypatch) -> None:
+    monkeypatch.setenv(VARIABLE, '11')
+    assert parsed('attack').domain is None
+    assert parsed('attack', '--domain', '12').domain == 12
 
 
 @pytest.mark.parametrize('verb', WITH_DOMAIN)
