@@ -2,9 +2,13 @@
 
 import json
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import carla
+
+# Processes of a graph look for nothing beside a script.
+sys.path.insert(0, str(Path(__file__).parent))
 import stand_in
 
 from raw2drive_ros.carla_vehicle import client

@@ -1,8 +1,11 @@
 """The example's vehicle as a node, with a fault of `planted_faults`: python planted_node.py 'IMU yaw sign'."""
 
 import sys
+from pathlib import Path
 from typing import Any
 
+# Processes of a graph look for nothing beside a script.
+sys.path.insert(0, str(Path(__file__).parent))
 from planted_faults import FAULTS
 from planted_vehicle import SETTINGS, Fault, PlantedPlant
 
