@@ -115,7 +115,7 @@ class Stranger(_Participant):
         """A publisher that has found all subscribers: what is measured is the reaction, not the discovery."""
         if topic not in self.publishers:
             made = self.publishers[topic] = make_publisher(self.node, topic)
-            deadline = time.monotonic() + 5.0
+            deadline = time.monotonic() + 1.0
             while time.monotonic() < deadline:
                 known = self.node.count_subscribers(made.topic_name)
                 if known and made.get_subscription_count() >= known:

@@ -105,7 +105,7 @@ class VehicleProbeNode(Node):
         # Discovery needs time: only then can a publisher be reported as missing.
         self._spin(executor, LOOK_S)
         deadline = time.monotonic() + LOOK_LONGER_S
-        while time.monotonic() < deadline and self._running and not all(publisher_count(self, n) for n in self.names):
+        while time.monotonic() < deadline and self._running and not self._all_discovered():
             self._spin(executor, 0.2)
         self._look_at_graph()
         for name in self.names:
@@ -130,6 +130,10 @@ class VehicleProbeNode(Node):
         if not cv2.imwrite(str(path), mosaic(self.seen, self.rig)[..., ::-1]):
             raise NodeError(f'{path} cannot be written')
         return [Verdict('cameras: mosaic', 'passed', f'{path}: does each picture show what stands below it?')]
+
+    def _all_discovered(self) -> bool:
+        """Whether every topic of the vehicle has a publisher, and the commands somebody who takes them."""
+        return subscriber_count(self, topics.COMMAND) > 0 and all(publisher_count(self, name) for name in self.names)
 
     def _look_at_graph(self) -> None:
         types = dict(self.get_topic_names_and_types())

@@ -65,7 +65,7 @@ def clock_findings(path: Path) -> list[Finding]:
         reference = _reference(reader)
         reference_ns: int | None = None
         counters = _Counters(reader)
-        for connection, log_ns, data in messages_in(reader, start=ARRIVAL):
+        for connection, log_ns, data in messages_in(reader, any_type=True, start=ARRIVAL):
             stamp_ns = stamp_of(connection.msgtype, data)
             lines.feed(connection.topic, stamp_ns, None)
             counters.hear(connection, data)

@@ -82,7 +82,7 @@ def time_lines(reader: BoundedReader) -> list[AnyReader]:
             lines[index] = line
 
     stamps: array[int] = array('q')
-    for index, (connection, log_ns, data) in enumerate(messages_in(reader, start=ARRIVAL)):
+    for index, (connection, log_ns, data) in enumerate(messages_in(reader, any_type=True, start=ARRIVAL)):
         stamp_ns = stamp_of(connection.msgtype, data)
         tells = stamp_ns is not None and stamp_ns > 0 and connection.topic in SOURCES
         heard += tells
@@ -109,7 +109,7 @@ def _logs_stamps(reader: BoundedReader) -> bool:
     """Whether log_time is the stamp itself, by the first messages."""
     told = [
         (log_ns, stamp_of(connection.msgtype, data))
-        for connection, log_ns, data in itertools.islice(messages_in(reader, start=ARRIVAL), SAMPLE)
+        for connection, log_ns, data in itertools.islice(messages_in(reader, any_type=True, start=ARRIVAL), SAMPLE)
         if connection.topic in SOURCES
     ]
     return bool(told) and all(log_ns == stamp_ns for log_ns, stamp_ns in told)

@@ -27,7 +27,6 @@ def test_attacks_end_with_a_standing_car_and_a_line_in_a_log_and_nothing_is_no_a
     assert len(found) == len(QUICK)
     for outcome in found:
         assert outcome.passed, outcome
-        assert outcome.before_mps > 1.0, outcome
     # The check can fail: a car that nobody attacks drives on, and nobody logs a stop.
     assert (control.stand_s, control.passed) == (None, False), control
     assert control.largest_mps > 4.0

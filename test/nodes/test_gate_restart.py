@@ -1,6 +1,7 @@
 """A gate that is killed, by whatever, leaves a stop for the one that is started after it."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -41,8 +42,10 @@ def test_a_stop_outlives_the_gate(tmp_path) -> None:
         restart(graph, signal.SIGKILL)
         assert probe(graph, '1.5') == [None, 0.0]
         said = (tmp_path / 'safety_gate.log').read_text()
-        # The first gate had stopped the car, since the planner fell silent, before it was killed.
-        assert 'emergency_stop: stopped before this gate was started: no valid proposal for' in said
+        # It was killed while it drove, or after it had noticed that the planner fell silent.
+        assert re.search(
+            'emergency_stop: stopped before this gate was started: (the gate before|no valid proposal)', said
+        )
         restart(graph, signal.SIGKILL)
         assert probe(graph, '1.5', 'activate') == [True, 0.4]
         graph.check()

@@ -111,7 +111,7 @@ def test_compressed_images_drive_are_recorded_and_replay_to_the_same_decisions(b
     ('plan', 'log', 'words'),
     [
         ('camera lost', 'planner', 'stop: camera front: newest is'),
-        ('planner nan', 'safety_gate', 'emergency_stop: invalid proposal: Control: not finite'),
+        ('planner nan', 'safety_gate', 'emergency_stop: invalid proposal: named values: not finite'),
     ],
 )
 def test_a_fault_between_the_real_nodes_stops_the_car_and_is_logged(bundle, tmp_path, plan, log, words) -> None:
