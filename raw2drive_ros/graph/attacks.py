@@ -142,7 +142,7 @@ def _calls(service: str) -> Callable[[Scene], None]:
     """Call a service of the gate again and again while the car still moves."""
 
     def run(scene: Scene) -> None:
-        while abs(scene.watcher.speed_mps or 0.0) > 0.5:
+        while abs(scene.watcher.speed_mps or 0.0) > 1.0:
             scene.trigger(service)
             time.sleep(0.05)
 
@@ -152,7 +152,8 @@ def _calls(service: str) -> Callable[[Scene], None]:
 def _lie_and_activate(scene: Scene) -> None:
     publisher, make = scene.stranger.publisher(topics.ODOMETRY), _odometry(0.0)
     scene.begin()
-    while abs(scene.watcher.speed_mps or 0.0) > 0.5:
+    # Not until it stands: then whoever calls may activate it.
+    while abs(scene.watcher.speed_mps or 0.0) > 1.0:
         for _ in range(3):
             publisher.publish(make(scene))
         scene.trigger('/safety_gate/activate')
