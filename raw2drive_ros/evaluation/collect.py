@@ -17,12 +17,11 @@ from raw2drive_ros.evaluation.episode import as_received
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.recording.bag_writer import BagWriter
+from raw2drive_ros.simulation.draws import TRAIN_SEED_START
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.weather import CLEAR
 
-# Collection seeds start here, so that no collected route is an evaluation route (seeds 0 ... 9,999).
-TRAIN_SEED_START = 100_000
 # Number of route seeds reserved for each collection.
 SEEDS_PER_COLLECTION = 10_000
 STANDING_MPS = 0.1

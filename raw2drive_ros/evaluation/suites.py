@@ -15,17 +15,16 @@ import numpy as np
 from raw2drive_ros.bounds import read_json
 from raw2drive_ros.contracts.errors import UnfairScenarioError, UnknownScenarioError, UnknownSuiteError
 from raw2drive_ros.contracts.near_names import unknown_name
-from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.expert import Plan, follow, hits
 from raw2drive_ros.settings import params_folder
 from raw2drive_ros.simulation.actors import StandingObject, boxes_overlap, corners_m
+from raw2drive_ros.simulation.draws import TRAIN_SEED_START, VALIDATION_SEED_START, Draw
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios, rng_for
+from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios
 from raw2drive_ros.simulation.weather import WEATHER_NAMES
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ, SUBSTEPS
 
-VALIDATION_SEED_START = 50_000
 ROLLOUT_S = 20.0
 CHECK_EVERY_TICKS = 3
 DRAW_LIMIT = 60
@@ -144,7 +143,7 @@ def weather_of(kind: str, seed: int) -> str:
 
 def is_fair(kind: str, seed: int) -> bool:
     """Whether no actor overlaps the ego at the start, and no actors collide with each other before the ego does."""
-    world = World(get_scenario(kind), rng_for(kind, seed))
+    world = World(get_scenario(kind), Draw(kind, seed))
     if hits(world, margin_m=0.5):
         return False
     for tick in range(round(ROLLOUT_S * DECISION_HZ)):

@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from raw2drive_ros.contracts.errors import LayoutError
+from raw2drive_ros.simulation.draws import Draw
 from raw2drive_ros.simulation.layout import Junction, RoadLayout
 from raw2drive_ros.simulation.road_builder import build_road
-from raw2drive_ros.simulation.scenario import ActorSpec, Rng, Scene, TrafficSpec
+from raw2drive_ros.simulation.scenario import ActorSpec, Scene, TrafficSpec
 from raw2drive_ros.simulation.scripts import Script
 
 DRAWS_PER_LINK = 40
@@ -30,7 +31,7 @@ def is_chainable(scene: Scene) -> bool:
     return plain and layout.forward_lanes == layout.backward_lanes == 1
 
 
-def draw_chain(rng: Rng, draws: Sequence[Callable[[Rng], Scene]], length_m: float) -> Scene:
+def draw_chain(whole: Draw, draws: Sequence[Callable[[Draw], Scene]], length_m: float) -> Scene:
     """Scenes drawn by `draws` in random order, none of them twice in a row, until the road is `length_m` long.
 
     Raises LayoutError when the road cannot be continued without crossing itself.
@@ -38,9 +39,9 @@ def draw_chain(rng: Rng, draws: Sequence[Callable[[Rng], Scene]], length_m: floa
     links: list[Link] = []
     last = -1
     while sum(link.forward_m for link in links) < length_m:
-        for _ in range(DRAWS_PER_LINK):
-            index = int(rng.integers(len(draws)))
-            scene = draws[index](rng)
+        for attempt in range(DRAWS_PER_LINK):
+            index = int(whole.rng.integers(len(draws)))
+            scene = draws[index](whole.part(f'link_{len(links)}_{attempt}'))
             if index == last:
                 continue
             try:

@@ -15,15 +15,17 @@ from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.road.road import Road
 
 from raw2drive_ros.contracts.actions import nearest_action
+from raw2drive_ros.contracts.errors import UnknownScenarioError
 from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
 from raw2drive_ros.contracts.public import CameraCalibration, Control, ImuSample, OdometrySample, Route, SensorFrame
 from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
+from raw2drive_ros.simulation.draws import Draw, Rng, rng_for
 from raw2drive_ros.simulation.renderer import CameraRenderer
 from raw2drive_ros.simulation.reward import Outcome, RewardModel
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.scenario import Rng, get_scenario, rng_for
+from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.variation import NO_VARIATION, Variation, picture_rng
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 from raw2drive_ros.simulation.world import World
@@ -94,7 +96,7 @@ class DrivingEnv(AbstractEnv):
     ) -> tuple[Tick, dict[str, Any]]:
         """Start scenario `options['scenario']` (default: LaneFollowing) with `seed` (default: 0).
 
-        options may also hold `weather` and `repetition`, see `RouteId`.
+        options may also hold `weather`, `repetition` and `twin`, see `RouteId`.
 
         Raises UnknownScenarioError, UnknownWeatherError.
         """
@@ -102,13 +104,16 @@ class DrivingEnv(AbstractEnv):
         name = chosen.get('scenario', 'LaneFollowing')
         seed = 0 if seed is None else int(seed)
         self.weather, repetition = get_weather(chosen.get('weather', CLEAR)), int(chosen.get('repetition', 0))
-        self.route_id = RouteId(name, seed, self.weather.name, repetition)
-        rng = rng_for(name, seed)
+        twin, scenario = bool(chosen.get('twin', False)), get_scenario(name)
+        if twin and not scenario.paired:
+            raise UnknownScenarioError(f'scenario {name} has no twin')
+        self.route_id = RouteId(name, seed, self.weather.name, repetition, twin)
+        draw = Draw(name, seed, event=not twin)
         start_rng = rng_for(name, seed, repetition) if repetition else None
-        self.world = World(get_scenario(name), rng, start_rng=start_rng)
+        self.world = World(scenario, draw, start_rng=start_rng)
         self.road = Road(self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32))
         self.controlled_vehicles = [self.world.ego]
-        self.noise_rng = rng
+        self.noise_rng = draw.rng
         self.criteria = Criteria()
         self.criteria.step(self.world)
         self.rewards = RewardModel(self.world)
@@ -127,7 +132,12 @@ class DrivingEnv(AbstractEnv):
 
     def reset_to(self, route: RouteId) -> tuple[Tick, dict[str, Any]]:
         """Start a route. Raises UnknownScenarioError, UnknownWeatherError."""
-        options = {'scenario': route.type, 'weather': route.weather, 'repetition': route.repetition}
+        options = {
+            'scenario': route.type,
+            'weather': route.weather,
+            'repetition': route.repetition,
+            'twin': route.twin,
+        }
         return self.reset(seed=route.seed, options=options)
 
     def step(  # type: ignore[override]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.scenario import Rng, TrafficSpec
+from raw2drive_ros.simulation.draws import Rng
+from raw2drive_ros.simulation.scenario import TrafficSpec
 
 # Arc length at which a vehicle enters its path.
 ENTRY_S_M = 1.0

@@ -13,7 +13,9 @@ from raw2drive_ros.contracts.public import Float64
 class ArcLane(AbstractLane):
     """A lane of constant curvature (0 = straight). Lateral coordinates are positive to the LEFT.
 
-    start_m: (x, y) of the centre line's start in `map`. curvature: 1/m, positive turns left.
+    start_m: (x, y) of the centre line's start in `map`. curvature: 1/m, positive turns left. junction: number of the
+    junction that the lane crosses, -1 outside of junctions. to_lane: index of the lane that it leads into on the next
+    edge; None: of the same index.
     """
 
     forbidden = False
@@ -35,6 +37,8 @@ class ArcLane(AbstractLane):
         self.width = width_m
         self.speed_limit = speed_limit_mps
         self.line_types = [LineType.NONE, LineType.NONE]
+        self.junction = -1
+        self.to_lane: int | None = None
 
     def pose(self, longitudinal: float, lateral: float = 0.0) -> tuple[float, float, float]:
         """(x, y, yaw) in `map`."""

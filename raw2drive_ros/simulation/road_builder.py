@@ -63,8 +63,9 @@ class RoadBuilder:
             self._zebra(zebra_s)
         return self.road
 
-    def _add(self, edge: Edge, pose: Pose, length: float, curvature: float) -> None:
+    def _add(self, edge: Edge, pose: Pose, length: float, curvature: float, junction: int = -1) -> None:
         lane = ArcLane(pose[:2], pose[2], length, curvature, LANE_WIDTH_M, self.layout.speed_limit_mps)
+        lane.junction = junction
         self.road.network.add_lane(*edge, lane)
 
     def _parallel(
@@ -174,10 +175,10 @@ class RoadBuilder:
             offset = (lane + 0.5) * LANE_WIDTH_M
             begin = _advance(start, 0.0, -offset)
             if abs(angle) < 0.1:
-                self._add(edge, begin, 2 * half, 0.0)
+                self._add(edge, begin, 2 * half, 0.0, len(self.road.junctions))
             else:
                 radius = half + offset if angle > 0 else half - offset
-                self._add(edge, begin, radius * math.pi / 2, math.copysign(1 / radius, angle))
+                self._add(edge, begin, radius * math.pi / 2, math.copysign(1 / radius, angle), len(self.road.junctions))
 
     def _ramp(self, index: int, end: Pose, length: float) -> None:
         """An acceleration lane right of the section that ends at `end`, fed by a curved on-ramp."""

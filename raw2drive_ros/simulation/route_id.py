@@ -1,4 +1,4 @@
-"""The identifier of one drive: scenario type, seed, weather and repetition."""
+"""The identifier of one drive: scenario type, event or twin, seed, weather and repetition."""
 
 from __future__ import annotations
 
@@ -9,20 +9,23 @@ from raw2drive_ros.contracts.errors import RouteIdError
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 
 # Not `isdigit`, which accepts a superscript two; 18 digits fit into an integer parameter of ROS.
+TWIN = '-twin'
 NUMBER = re.compile(r'[0-9]{1,18}')
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class RouteId:
-    """repetition: 0 is the route as drawn; others start a little beside it and have other sensor noise."""
+    """repetition: 0 is the route as drawn; others start a little beside it and have other sensor noise. twin: the drive
+    that looks alike, but in which what the type is about does not happen."""
 
     type: str
     seed: int
     weather: str = CLEAR
     repetition: int = 0
+    twin: bool = False
 
     def __str__(self) -> str:
-        parts = [self.type, str(self.seed)]
+        parts = [self.type + TWIN * self.twin, str(self.seed)]
         if self.weather != CLEAR or self.repetition:
             parts.append(self.weather)
         if self.repetition:
@@ -31,7 +34,7 @@ class RouteId:
 
     @staticmethod
     def parse(text: str) -> RouteId:
-        """'Accident/3', 'Accident/3/CloudyNight' or 'Accident/3/CloudyNight/1'.
+        """'Accident/3', 'Accident-twin/3', 'Accident/3/CloudyNight' or 'Accident/3/CloudyNight/1'.
 
         Raises RouteIdError, UnknownWeatherError; the type's name is not looked up.
         """
@@ -41,4 +44,5 @@ class RouteId:
                 f'{text!r} is not of the form TYPE/SEED, TYPE/SEED/WEATHER or TYPE/SEED/WEATHER/REPETITION'
             )
         weather = get_weather(rest[1]).name if len(rest) > 1 else CLEAR
-        return RouteId(name, int(rest[0]), weather, int(rest[2]) if len(rest) > 2 else 0)
+        kind = name.removesuffix(TWIN)
+        return RouteId(kind, int(rest[0]), weather, int(rest[2]) if len(rest) > 2 else 0, kind != name)

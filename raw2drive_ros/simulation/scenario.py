@@ -8,23 +8,20 @@ from __future__ import annotations
 import importlib
 import math
 import pkgutil
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from raw2drive_ros.contracts.errors import UnknownScenarioError
 from raw2drive_ros.contracts.near_names import unknown_name
+from raw2drive_ros.simulation.draws import Draw
 from raw2drive_ros.simulation.layout import RoadLayout
 from raw2drive_ros.simulation.scripts import Pacing, Script
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.world import World
 
-Rng = np.random.Generator
-DRAW_ATTEMPTS = 50
+DRAW_ATTEMPTS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,13 +167,15 @@ def no_extra_rule(world: World) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A scenario type. rule: returns the name of an infraction that only this type has, or None."""
+    """A scenario type. rule: returns the name of an infraction that only this type has, or None. paired: it has a twin,
+    in which what the type is about does not happen."""
 
     name: str
     abilities: tuple[str, ...]
-    draw: Callable[[Rng], Scene]
+    draw: Callable[[Draw], Scene]
     rule: Callable[[World], str | None] = no_extra_rule
     description: str = field(default='', compare=False)
+    paired: bool = False
 
 
 REGISTRY: dict[str, Scenario] = {}
@@ -186,14 +185,21 @@ def scenario(
     name: str,
     *abilities: str,
     rule: Callable[[World], str | None] = no_extra_rule,
-) -> Callable[[Callable[[Rng], Scene]], Callable[[Rng], Scene]]:
-    """Register the decorated draw function as scenario type `name`."""
+) -> Callable[[Callable[[Any], Scene]], Callable[[Any], Scene]]:
+    """Register the decorated draw function as scenario type `name`. It takes a `Draw`; types of version 2 take an
+    `Rng`, and have no twin."""
 
-    def register(draw: Callable[[Rng], Scene]) -> Callable[[Rng], Scene]:
+    def register(draw: Callable[[Any], Scene]) -> Callable[[Any], Scene]:
         if name in REGISTRY:
             raise ValueError(f'scenario {name} is registered twice')
         summary = (draw.__doc__ or '').strip().splitlines()
-        REGISTRY[name] = Scenario(name, abilities, draw, rule, summary[0] if summary else '')
+        takes_draw = 'Draw' in draw.__annotations__.values()
+
+        def draw_scene(parameters: Draw) -> Scene:
+            return draw(parameters if takes_draw else parameters.rng)
+
+        paired = takes_draw and bool(abilities)
+        REGISTRY[name] = Scenario(name, abilities, draw_scene, rule, summary[0] if summary else '', paired)
         return draw
 
     return register
@@ -214,9 +220,3 @@ def get_scenario(name: str) -> Scenario:
     if name not in known:
         raise UnknownScenarioError(unknown_name('scenario', name, known, ' (see `raw2drive scenario list`)'))
     return known[name]
-
-
-def rng_for(name: str, seed: int, repetition: int = 0) -> Rng:
-    """The random generator of (scenario type, seed), or of one repetition; the same on every machine."""
-    key = [seed, zlib.crc32(name.encode())]
-    return np.random.default_rng([*key, repetition] if repetition else key)

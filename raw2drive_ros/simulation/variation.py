@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from raw2drive_ros.contracts.public import CameraCalibration, Float64
 from raw2drive_ros.simulation.camera_rig import moved
+from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.scenario import Rng
 from raw2drive_ros.simulation.weather import Weather
 
 SUN_AZIMUTH_RAD = math.atan2(0.25, 0.35)

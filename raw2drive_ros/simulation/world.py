@@ -11,6 +11,7 @@ import numpy as np
 from raw2drive_ros.contracts.errors import LayoutError
 from raw2drive_ros.contracts.public import Control, Float64
 from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, fork_of
+from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.leaders import find_leaders
@@ -23,7 +24,6 @@ from raw2drive_ros.simulation.scenario import (
     DoorSpec,
     LaneChange,
     LightSpec,
-    Rng,
     Scenario,
     Scene,
     StandingSpec,
@@ -49,15 +49,17 @@ START_JITTER = (1.0, 0.15, 0.5)
 class World:
     """positions, headings, ...: arrays over `actors`, with the ego as the last row, rebuilt by `refresh`.
 
-    start_rng: changes the start a little, for repetitions of a route. detour_offsets_m: (N,) lateral offset of the
-    reference detour around obstacles from the route, at each point of the route; 0 without an obstacle.
+    draw: of the scene's parameters. start_rng: changes the start a little, for repetitions of a route.
+    detour_offsets_m: (N,) lateral offset of the reference detour around obstacles from the route, at each point of the
+    route; 0 without an obstacle.
     """
 
     def __init__(
-        self, scenario: Scenario, rng: Rng, parameters: EgoParameters | None = None, start_rng: Rng | None = None
+        self, scenario: Scenario, draw: Draw, parameters: EgoParameters | None = None, start_rng: Rng | None = None
     ) -> None:
         self.scenario = scenario
-        self.scene, self.road = _draw(scenario, rng)
+        self.draw, self.scene, self.road = _draw(scenario, draw)
+        rng = draw.rng
         self.route = _route_path(self.scene, self.road)
         self.speed_limits = _speed_profile(self.route, self.scene.layout.speed_limit_mps)
         self._build_detour()
@@ -327,15 +329,17 @@ class World:
         return self.road.crossing_path(spec.junction, source, target, spec.lane)
 
 
-def _draw(scenario: Scenario, rng: Rng) -> tuple[Scene, RoadMap]:
-    """Draw scenes until the road does not overlap itself; one generator makes all draws, so they are reproducible."""
+def _draw(scenario: Scenario, draw: Draw) -> tuple[Draw, Scene, RoadMap]:
+    """Draw scenes until one belongs to its split and its road does not overlap itself."""
     for _ in range(DRAW_ATTEMPTS):
         try:
-            scene = scenario.draw(rng)
-            return scene, build_road(scene.layout)
+            scene = scenario.draw(draw)
+            if draw.is_of_its_split():
+                return draw, scene, build_road(scene.layout)
         except LayoutError:
-            continue
-    raise LayoutError(f'{scenario.name}: no drivable layout in {DRAW_ATTEMPTS} draws')
+            pass
+        draw = draw.again()
+    raise LayoutError(f'{scenario.name}: no drivable layout of {draw.split} in {DRAW_ATTEMPTS} draws')
 
 
 def _route_path(scene: Scene, road: RoadMap) -> Path:

@@ -6,10 +6,11 @@ import pytest
 
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.contracts.public import Control, Decision
-from raw2drive_ros.evaluation.collect import TRAIN_SEED_START, CollectConfig, collect, episode_route
+from raw2drive_ros.evaluation.collect import CollectConfig, collect, episode_route
 from raw2drive_ros.evaluation.world_drivers import WorldDriver
 from raw2drive_ros.recording.bag_reader import find_bags, open_bag
 from raw2drive_ros.recording.ticks import read_ticks
+from raw2drive_ros.simulation.draws import TRAIN_SEED_START
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.weather import WEATHER_NAMES
 

@@ -3,18 +3,17 @@
 import pytest
 
 from raw2drive_ros.contracts.errors import UnfairScenarioError, UnknownSuiteError
-from raw2drive_ros.evaluation.collect import TRAIN_SEED_START
 from raw2drive_ros.evaluation.suites import (
     DEV10,
-    VALIDATION_SEED_START,
     SuitePlan,
     benchmark_types,
     draw_suite,
     is_fair,
     load_suite,
 )
+from raw2drive_ros.simulation.draws import TRAIN_SEED_START, VALIDATION_SEED_START, Draw
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.scenario import get_scenario, rng_for
+from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.weather import WEATHER_NAMES
 from raw2drive_ros.simulation.world import World
 
@@ -77,7 +76,7 @@ def test_unknown_and_broken_suites_are_clear_errors(tmp_path) -> None:
 def test_long_routes_chain_many_events_over_two_kilometres() -> None:
     routes = load_suite('long').routes
     assert len(routes) >= 10
-    world = World(get_scenario('LongRoute'), rng_for('LongRoute', routes[0].seed))
+    world = World(get_scenario('LongRoute'), Draw('LongRoute', routes[0].seed))
     assert world.route.length_m > 2000.0
     kinds = {type(spec).__name__ for spec in world.scene.actors}
     assert {'TrafficSpec', 'WalkerSpec', 'StandingSpec'} <= kinds

@@ -11,13 +11,14 @@ from raw2drive_ros.report.overview import LIGHTS, Overview, colour_of
 from raw2drive_ros.report.scene import FILM, OUTCOME_FRAMES, WIDTH
 from raw2drive_ros.report.video import HEIGHT, write_video
 from raw2drive_ros.report.video import WIDTH as VIDEO_WIDTH
-from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios, rng_for
+from raw2drive_ros.simulation.draws import Draw
+from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.bev_colours import COLOURS
 
 
 def world_of(name: str, seed: int = 0) -> World:
-    return World(get_scenario(name), rng_for(name, seed))
+    return World(get_scenario(name), Draw(name, seed))
 
 
 def pixels_of(picture, colour) -> tuple[np.ndarray, np.ndarray]:

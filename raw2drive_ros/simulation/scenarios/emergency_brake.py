@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, Curve, Junction, RoadLayout, Straight, turn_length_m
 from raw2drive_ros.simulation.scenario import (
     DisturbanceSpec,
     LightSpec,
-    Rng,
     RouteSpec,
     Scene,
     StandingSpec,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from raw2drive_ros.simulation.actors import PathVehicle
+from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.flows import arriving, group_times
 from raw2drive_ros.simulation.layout import Curve, RoadLayout, Straight
-from raw2drive_ros.simulation.scenario import LaneChange, Rng, RouteSpec, Scene, TrafficSpec, scenario
+from raw2drive_ros.simulation.scenario import LaneChange, RouteSpec, Scene, TrafficSpec, scenario
 from raw2drive_ros.simulation.scripts import Script
 from raw2drive_ros.simulation.world import World
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.layout import Curve, Junction, Piece, RoadLayout, Straight
-from raw2drive_ros.simulation.scenario import Rng, Scene, scenario
+from raw2drive_ros.simulation.scenario import Scene, scenario
 
 
 def _winding_pieces(rng: Rng, sections: int) -> tuple[Piece, ...]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.flows import arriving, group_times
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
     LaneChange,
-    Rng,
     RouteSpec,
     Scene,
     StandingSpec,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.flows import arriving, group_times
 from raw2drive_ros.simulation.layout import (
     ARM_LENGTH_M,
@@ -11,7 +12,7 @@ from raw2drive_ros.simulation.layout import (
     RoadLayout,
     Straight,
 )
-from raw2drive_ros.simulation.scenario import LightSpec, Rng, RouteSpec, Scene, TrafficSpec, scenario
+from raw2drive_ros.simulation.scenario import LightSpec, RouteSpec, Scene, TrafficSpec, scenario
 
 GREEN = (('green', 120.0),)
 T_FROM_STEM = ('left', 'right')

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.flows import arriving, group_times
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
     DoorSpec,
     LaneChange,
-    Rng,
     RouteSpec,
     Scene,
     StandingSpec,
