@@ -29,9 +29,9 @@ WITHIN_M = 70.0
 # Time that has to lie between two vehicles at the same place: with right of way, and without.
 GAP_PRIORITY_S, GAP_S = 1.5, 0.6
 # Deceleration that a vehicle stops with at its line; with more it drives on when the light turns amber.
-COMFORT_MPS2 = 2.5
-# Acceleration with which a vehicle is expected to start.
-START_MPS2 = 1.8
+COMFORT_MPS2, HARDEST_STOP_MPS2 = 2.5, 3.2
+# Accelerations with which a vehicle may start: it arrives as early as with the first, leaves as late as with the second.
+FAST_START_MPS2, SLOW_START_MPS2 = 3.0, 1.2
 # Whoever has waited for so long at its line goes before all that can still stop.
 IMPATIENT_S = 6.0
 # An ego that stands before its line for so long does not use its right of way.
@@ -47,7 +47,8 @@ Zone = tuple[float, float, float, float]
 @dataclass(slots=True)
 class Approach:
     """A vehicle and the junction before it. vehicle: None for the ego. to_line_m: from its front, negative beyond.
-    rank: 0 with right of way, 1 without. inside: it has crossed its line. closed: it has no leave."""
+    rank: 0 with right of way, 1 without. inside: it has crossed its line. closed: it has no leave. certain: it crosses
+    now. claims: it has waited too long for others, who have to let it go."""
 
     vehicle: PathVehicle | None
     crossing: Crossing
@@ -59,18 +60,19 @@ class Approach:
     inside: bool
     closed: bool = False
     certain: bool = False
+    claims: bool = False
 
 
-def time_for(distance_m: float, speed_mps: float, top_mps: float) -> float:
+def time_for(distance_m: float, speed_mps: float, top_mps: float, start_mps2: float) -> float:
     """Time (s) that a vehicle takes for a distance when it accelerates to `top_mps`; 0 for what lies behind."""
     if distance_m <= 0.0:
         return 0.0
     top = max(top_mps, speed_mps, 1.0)
-    ramp = (top - speed_mps) / START_MPS2
+    ramp = (top - speed_mps) / start_mps2
     ramp_m = (top + speed_mps) / 2.0 * ramp
     if distance_m >= ramp_m:
         return ramp + (distance_m - ramp_m) / top
-    return (math.sqrt(speed_mps * speed_mps + 2.0 * START_MPS2 * distance_m) - speed_mps) / START_MPS2
+    return (math.sqrt(speed_mps * speed_mps + 2.0 * start_mps2 * distance_m) - speed_mps) / start_mps2
 
 
 class RightOfWay:
@@ -91,17 +93,32 @@ class RightOfWay:
             ego = ego_approach(world, number)
             if ego is not None:
                 approaches.append(ego)
+            for approach in approaches:
+                approach.certain = approach.certain or self._is_committed(world, approach)
             approaches.sort(key=lambda a: self._order(a))
             for approach in approaches:
                 if approach.vehicle is not None and not approach.inside:
                     self._give_leave(world, approach, approaches)
 
     @staticmethod
-    def _order(approach: Approach) -> tuple[bool, int, float, int]:
+    def _order(approach: Approach) -> tuple[bool, bool, int, float, int]:
+        """Who is asked first: those inside, those who have waited too long, then by right of way."""
         vehicle = approach.vehicle
         if vehicle is None:
-            return not approach.inside, approach.rank, 0.0, -1
-        return not approach.inside, approach.rank, -vehicle.waited_s, vehicle.number
+            return not approach.inside, True, approach.rank, 0.0, -1
+        impatient = vehicle.waited_s > IMPATIENT_S
+        return not approach.inside, not impatient, approach.rank, -vehicle.waited_s, vehicle.number
+
+    @staticmethod
+    def _is_committed(world: World, approach: Approach) -> bool:
+        """Whether a vehicle crosses whatever the others do."""
+        vehicle = approach.vehicle
+        if vehicle is None or vehicle.course is None or approach.inside:
+            return False
+        if not vehicle.yields:
+            return not vehicle.obeys_lights or light_of(world, approach.crossing) != RED
+        current = approach.crossing is vehicle.course.crossings[vehicle.next_crossing]
+        return vehicle.has_leave and current and not _can_stop(approach)
 
     def _approach(self, world: World, vehicle: PathVehicle, junctions: dict[int, list[Approach]]) -> None:
         crossings = vehicle.course.crossings if vehicle.course else ()
@@ -142,9 +159,8 @@ class RightOfWay:
         speed, left = vehicle.speed, approach.to_line_m
         standing = speed < STANDING_MPS and left < LINE_M
         vehicle.waited_s = vehicle.waited_s + world.decision_s if standing else 0.0 if speed > 1.0 else vehicle.waited_s
-        can_stop = speed * speed < 2.0 * (COMFORT_MPS2 + 0.7) * max(left, 0.01)
+        can_stop = _can_stop(approach)
         if vehicle.has_leave and current and not can_stop:
-            approach.certain = True
             return
         colour = light_of(world, crossing) if vehicle.obeys_lights else ''
         if colour == RED or (colour == YELLOW and can_stop):
@@ -155,9 +171,11 @@ class RightOfWay:
             # Too early to tell. Others count with it when it has the right of way.
             return
         else:
-            closed = not self._has_room(vehicle, approach) or any(
+            room = self._has_room(vehicle, approach)
+            closed = not room or any(
                 self._in_the_way(world, approach, other) for other in approaches if other is not approach
             )
+            approach.claims = room and closed and vehicle.waited_s > IMPATIENT_S
         approach.closed = closed
         if current:
             vehicle.has_leave = not closed
@@ -191,6 +209,8 @@ class RightOfWay:
             _, out = self._times(other, zone[2], zone[3], other.speed_mps if other.vehicle is None else 6.0)
             stuck = other.speed_mps < STANDING_MPS and out > 0.0
             return out > 0.0 and (stuck or out + GAP_S > own_in)
+        if other.claims and other.vehicle is not None and other.vehicle.waited_s > vehicle.waited_s:
+            return True
         if other.closed:
             return False
         margin = GAP_PRIORITY_S if yields else GAP_S
@@ -212,8 +232,8 @@ class RightOfWay:
         half = approach.half_length_m
         speed = approach.speed_mps
         return (
-            time_for(offset + begin_m - half, speed, top_mps),
-            time_for(offset + end_m + half, speed, min(top_mps, 8.0)),
+            time_for(offset + begin_m - half, speed, top_mps, FAST_START_MPS2),
+            time_for(offset + end_m + half, speed, min(top_mps, 8.0), SLOW_START_MPS2),
         )
 
     def zone(self, one: LaneRef, other: LaneRef) -> Zone | None:
@@ -233,6 +253,11 @@ class RightOfWay:
         if not len(rows):
             return None
         return float(along[rows[0]]), float(along[rows[-1]]), float(beside[columns[0]]), float(beside[columns[-1]])
+
+
+def _can_stop(approach: Approach) -> bool:
+    """Whether a vehicle can stop at its line without braking hard."""
+    return approach.speed_mps**2 < 2.0 * HARDEST_STOP_MPS2 * max(approach.to_line_m, 0.01)
 
 
 def _waits_for(vehicle: PathVehicle, other: Approach) -> bool:
