@@ -24,6 +24,8 @@ LOOK_AHEAD_M = 50.0
 MARGIN_M = 0.3
 ALIGNED_COS = 0.75
 STANDING_MPS = 0.5
+# Paths are known this far beyond their ends.
+BEYOND_END_M = 100.0
 STRIDE = round(1.0 / SPACING_M)
 STEPS = int(LOOK_AHEAD_M)
 NO_HIT = 10_000
@@ -51,6 +53,11 @@ class PathBank:
         if found is None:
             yaw = path.headings_rad
             new = np.column_stack([path.points_m, np.cos(yaw), np.sin(yaw)])
+            # Straight on beyond the end, as `Path.pose` goes on: vehicles leave where nobody sees it.
+            beyond = np.arange(1, round(BEYOND_END_M / SPACING_M) + 1)[:, None] * SPACING_M
+            end = np.tile(new[-1], (len(beyond), 1))
+            end[:, :2] += beyond * new[-1, 2:]
+            new = np.concatenate([new, end])
             found = self.rows[id(path)] = (len(self.table), len(self.table) + len(new) - 1)
             self.paths.append(path)
             self.table = np.concatenate([self.table, new])

@@ -30,7 +30,7 @@ WITHIN_M = 70.0
 GAP_PRIORITY_S, GAP_S = 1.5, 0.6
 # Deceleration that a vehicle stops with at its line; with more it drives on when the light turns amber.
 COMFORT_MPS2, HARDEST_STOP_MPS2 = 2.5, 3.2
-# Accelerations with which a vehicle may start: it arrives as early as with the first, leaves as late as with the second.
+# Accelerations of a start: it may arrive as early as with the first, and leave as late as with the second.
 FAST_START_MPS2, SLOW_START_MPS2 = 3.0, 1.2
 # Whoever has waited for so long at its line goes before all that can still stop.
 IMPATIENT_S = 6.0
@@ -41,6 +41,8 @@ LINE_M = 5.0
 # At a priority of its own, a vehicle slower than this lets an ego pass that is in the junction already.
 SLOW_MPS = 3.0
 ROOM_M = 2.5
+# A car that turns right lets a cyclist pass who is so little behind it.
+CYCLIST_BEHIND_M = 15.0
 Zone = tuple[float, float, float, float]
 
 
@@ -196,11 +198,11 @@ class RightOfWay:
 
     def _in_the_way(self, world: World, one: Approach, other: Approach) -> bool:
         """Whether `other` keeps `one` from crossing."""
-        zone = self.zone(one.crossing.connector, other.crossing.connector)
-        if zone is None:
-            return False
         vehicle = one.vehicle
         assert vehicle is not None
+        zone = self.zone(one.crossing.connector, other.crossing.connector)
+        if zone is None:
+            return _turns_across_a_cyclist(one, other)
         yields = must_yield(one, other)
         own_in, own_out = self._times(one, zone[0], zone[1], vehicle.target_speed)
         if other.inside:
@@ -253,6 +255,20 @@ class RightOfWay:
         if not len(rows):
             return None
         return float(along[rows[0]]), float(along[rows[-1]]), float(beside[columns[0]]), float(beside[columns[-1]])
+
+
+def _turns_across_a_cyclist(one: Approach, other: Approach) -> bool:
+    """Whether a car that turns right would cut off a cyclist beside it, who goes on."""
+    vehicle, rider = one.vehicle, other.vehicle
+    if vehicle is None or rider is None or rider.kind != 'cyclist' or vehicle.kind == 'cyclist':
+        return False
+    if one.crossing.source_arm != other.crossing.source_arm or one.crossing.turn != 'right':
+        return False
+    if other.crossing.turn == 'right':
+        return False
+    # Beyond the car's turn it is in nobody's way any more.
+    beyond_m = one.crossing.stop_s_m - one.crossing.leave_s_m
+    return beyond_m < other.to_line_m < one.to_line_m + CYCLIST_BEHIND_M
 
 
 def _can_stop(approach: Approach) -> bool:
