@@ -37,6 +37,7 @@ IMPATIENT_S = 6.0
 # An ego that stands before its line for so long does not use its right of way.
 EGO_HESITATES_S = 2.0
 STANDING_MPS = 0.5
+BEYOND_LINE_M = 1.0
 LINE_M = 5.0
 # At a priority of its own, a vehicle slower than this lets an ego pass that is in the junction already.
 SLOW_MPS = 3.0
@@ -137,8 +138,9 @@ class RightOfWay:
             to_line = crossing.stop_s_m - vehicle.s_m - half
             if to_line > WITHIN_M:
                 break
-            entered = to_line < 0.0
             current = crossing is crossings[vehicle.next_crossing]
+            # Who has stopped with its bumper just beyond the line has not entered.
+            entered = to_line < (0.0 if vehicle.has_leave and current else -BEYOND_LINE_M)
             approach = Approach(
                 vehicle,
                 crossing,
@@ -336,7 +338,7 @@ def ego_approach(world: World, junction: int) -> Approach | None:
         return None
     light = light_of(world, crossing)
     closed = light == RED or (light == YELLOW and to_line > 0.0)
-    inside = to_line < -1.0
+    inside = to_line < -BEYOND_LINE_M
     speed = max(world.ego.speed, 0.0)
     return Approach(
         None, crossing, to_line, world.route_s_m, speed, half, rank_of(world, crossing), inside, closed and not inside
