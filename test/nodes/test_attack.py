@@ -27,7 +27,7 @@ def test_attacks_end_with_a_standing_car_and_a_line_in_a_log_and_nothing_is_no_a
     assert len(found) == len(QUICK)
     for outcome in found:
         assert outcome.passed, outcome
-    # The check can fail: a car that nobody attacks drives on, or is stopped for a late proposal where the machine is busy.
+    # The check can fail: a car that nobody attacks drives on, or is stopped for a late proposal on a busy machine.
     assert control.largest_mps > 4.0
     late = 'comfortable_stop: no valid proposal' in control.logged
     assert (control.stand_s, control.passed) == (None, False) or late, control
