@@ -18,7 +18,14 @@ def test_who_publishes_what() -> None:
     assert published_by(Publisher.COMMAND_RECEIVER) == (topics.STATUS, topics.AUTONOMY)
     assert published_by(Publisher.COLLECTOR) == (topics.ADVICE,)
     assert published_by(Publisher.ANY_NODE) == (topics.DIAGNOSTICS,)
-    assert published_by(Publisher.SIMULATION) == (topics.BEV, topics.EGO, topics.TRANSITION)
+    assert published_by(Publisher.SIMULATION) == (
+        topics.BEV,
+        topics.BEV_VISIBLE,
+        topics.EGO,
+        topics.SIGNALS,
+        topics.ACTORS,
+        topics.TRANSITION,
+    )
     motion = (topics.IMU, topics.IMU_EXTRINSICS, topics.ODOMETRY, topics.ROUTE)
     assert published_by(Publisher.VEHICLE)[-4:] == motion
     assert len(published_by(Publisher.VEHICLE)) == 4 * len(topics.CAMERAS) + len(motion)
@@ -33,9 +40,9 @@ def test_a_vehicle_publishes_nothing_privileged_and_what_is_privileged_has_no_ot
 def test_the_offered_qos_is_what_bags_have_always_held() -> None:
     found = Counter((s.qos.reliable, s.qos.latched, s.qos.depth) for s in topics.TOPICS)
     assert found == {
-        # 6 cameras with 3 topics, 4 privileged ones, status; mounting poses of cameras and IMU, route, autonomy;
+        # 6 cameras with 3 topics, 7 privileged ones, status; mounting poses of cameras and IMU, route, autonomy;
         # commands; motion; clock and diagnostics.
-        (True, False, 5): 18 + 4 + 1,
+        (True, False, 5): 18 + 7 + 1,
         (True, True, 1): 6 + 1 + 1 + 1,
         (True, False, 1): 2,
         (True, False, 20): 2,
