@@ -1,9 +1,17 @@
 """The topic table: what each publisher has, and what bags and nodes offer."""
 
 from collections import Counter
+from pathlib import Path
+
+import pytest
 
 from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.errors import PrivilegedImportError
+from raw2drive_ros.contracts.privileged import ACTOR_DTYPE
 from raw2drive_ros.contracts.topics import Publisher, published_by
+from raw2drive_ros.driving.isolation import refuse_privileged_topic
+from raw2drive_ros.tables.actor_classes import ACTOR_CLASSES
+from raw2drive_ros.tables.vector_layout import EGO_FIELDS, SIGNAL_FIELDS
 
 
 def test_every_topic_is_once_in_the_table_and_has_one_publisher() -> None:
@@ -48,3 +56,23 @@ def test_the_offered_qos_is_what_bags_have_always_held() -> None:
         (True, False, 20): 2,
         (True, False, 10): 2,
     }
+
+
+@pytest.mark.parametrize('name', [spec.name for spec in topics.TOPICS if spec.privileged])
+def test_the_planner_refuses_every_privileged_topic_whatever_its_namespace(name) -> None:
+    for written in (name, name.removeprefix('/'), f'/car1{name}', f'{name}/anything'):
+        with pytest.raises(PrivilegedImportError, match='is privileged'):
+            refuse_privileged_topic(written)
+
+
+def test_no_public_topic_is_refused() -> None:
+    for spec in topics.TOPICS:
+        if not spec.privileged:
+            refuse_privileged_topic(spec.name)
+
+
+@pytest.mark.parametrize('name', [*ACTOR_DTYPE.names, *ACTOR_CLASSES, *EGO_FIELDS, *SIGNAL_FIELDS])
+def test_the_document_explains_every_field_and_class_of_the_privileged_topics(name) -> None:
+    documented = (Path(__file__).parents[1] / 'docs' / 'topics.md').read_text()
+    shared = name.startswith('pixels_') and '`pixels_CAMERA`' in documented
+    assert shared or f'`{name}`' in documented

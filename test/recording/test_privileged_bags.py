@@ -6,14 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from pydantic import ValidationError
 
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import advice_to_message, signals_to_message
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.contracts.errors import BagError, ContractError
 from raw2drive_ros.contracts.privileged import Advice
 from raw2drive_ros.contracts.public import Control
+from raw2drive_ros.driving.bundle import load_bundle, save_bundle
+from raw2drive_ros.evaluation.episode import as_received, drive_route
+from raw2drive_ros.evaluation.privileged_driver import PrivilegedDriver
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.recording.bag_doctor import examine
 from raw2drive_ros.recording.bag_edit import cut, merge
@@ -22,14 +28,28 @@ from raw2drive_ros.recording.bag_reader import open_bag
 from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.ticks import EXTRAS, TickCounts, read_advice, read_ticks
 from raw2drive_ros.report.dream import reasons_of, ticks_around
+from raw2drive_ros.settings import default_bundle, default_teacher
+from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
-from raw2drive_ros.tables.vector_layout import BASIC_EGO_FIELDS, EGO_FIELDS, PRIVILEGED_FIELDS, SIGNAL_FIELDS
+from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.tables.vector_layout import (
+    BASIC_EGO_FIELDS,
+    EGO_FIELDS,
+    PRIVILEGED_FIELDS,
+    SIGNAL_FIELDS,
+    VECTOR_SIZE,
+)
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.dataset import load_bag
+from raw2drive_ros.training.privileged import PrivilegedTrainer
+from raw2drive_ros.training.replay import Replay
 from raw2drive_ros.training.run import train
+from raw2drive_ros.world_model.actor_critic import Actor
+from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.mask_codec import MaskCodec
 from raw2drive_ros.world_model.privileged_inputs import extra_topics, masks_of, vector_of
-from raw2drive_ros.world_model.teacher import load_teacher
+from raw2drive_ros.world_model.streams import RawWorldModel
+from raw2drive_ros.world_model.teacher import load_teacher, save_teacher
 
 OLD_BAG = Path(__file__).resolve().parents[2] / 'bags' / 'rule_190000'
 TICKS = 40
@@ -176,6 +196,44 @@ def test_reasons_come_with_the_advice(written) -> None:
     assert reasons_of(bag, ticks)[begins : begins + 2] == ['', REASON]
 
 
+def test_a_model_that_reads_everything_is_trained_saved_and_drives(written, tmp_path) -> None:
+    config = make_config('nano').model_copy(update={'model': RICH})
+    bags = [load_bag(written[0], tmp_path / 'cache', RICH, cameras=False)]
+    trainer = PrivilegedTrainer(config)
+    replay = Replay(bags, MaskCodec(RICH), 8, 0.0, 0)
+    losses = [trainer.step(replay.sample(4))['loss/ego'] for _ in range(30)]
+    assert losses[-1] < 0.7 * losses[0], 'the decoder learns the signals and the ego vector'
+    body = config.model_dump(mode='json')
+    save_teacher(tmp_path / 'teacher', trainer.teacher(), body, {})
+    assert load_teacher(tmp_path / 'teacher').config == RICH
+    driver = PrivilegedDriver(tmp_path / 'teacher')
+    driver.reset(0)
+    env = DrivingEnv(SimulationConfig(cameras=False))
+    first, _ = env.reset(seed=1, options={'scenario': 'HazardAtSideLane'})
+    tick = dataclasses.replace(first, privileged=env.view.frame(first.stamp_ns, SharpEyes()))
+    assert 0 <= driver.control(env, as_received(RosbagsFactory(), tick), tick).action < ACTION_COUNT
+    blind = dataclasses.replace(first, privileged=env.view.frame(first.stamp_ns))
+    with pytest.raises(ContractError, match='the model reads'):
+        driver.control(env, as_received(RosbagsFactory(), blind), blind)
+
+
+def test_a_raw_bundle_remembers_the_fields_that_its_decoder_reconstructs(tmp_path) -> None:
+    model = RawWorldModel(RICH, camera_rig(), VECTOR_SIZE, RICH.ego_size, ACTION_COUNT)
+    save_bundle(tmp_path / 'bundle', RICH, camera_rig(), model, Actor(RICH, ACTION_COUNT), {})
+    loaded = load_bundle(tmp_path / 'bundle')
+    assert loaded.config == RICH
+    assert loaded.model.decoder.ego(torch.zeros(1, RICH.feature_size)).shape == (1, len(PRIVILEGED_FIELDS))
+
+
+@pytest.mark.parametrize(
+    ('fields', 'why'),
+    [(['speed_mps', 'velocity'], 'unknown ego_fields: velocity'), (['brake', 'brake'], 'twice'), ([], 'one')],
+)
+def test_fields_that_no_frame_has_are_a_clear_error(fields, why) -> None:
+    with pytest.raises(ValidationError, match=why):
+        ModelConfig(**NANO.model_dump() | {'ego_fields': fields})
+
+
 # -- bags and models of before ------------------------------------------------------------------------
 
 
@@ -207,6 +265,20 @@ def test_old_and_new_bags_merge_and_each_model_takes_what_it_can(tmp_path) -> No
     every, rich = ticks_of(tmp_path / 'both'), ticks_of(tmp_path / 'both', EXTRAS)
     assert (len(rich), len(every)) == (TICKS, TICKS + len(ticks_of(OLD_BAG)))
     assert {len(tick.privileged.ego) for tick in every} == {5, 7} and {len(t.privileged.ego) for t in rich} == {7}
+
+
+@pytest.mark.parametrize('load', [lambda: load_teacher(default_teacher()), lambda: load_bundle(default_bundle())])
+def test_the_shipped_weights_read_the_five_fields(load) -> None:
+    loaded = load()
+    assert loaded.config.ego_fields == BASIC_EGO_FIELDS and loaded.config.masks == 'all'
+    assert loaded.model.decoder.ego(torch.zeros(1, loaded.config.feature_size)).shape == (1, 5)
+
+
+def test_the_shipped_teacher_drives_in_a_simulator_with_the_longer_vector() -> None:
+    driver = PrivilegedDriver(default_teacher())
+    route = RouteId('LaneFollowing', 190001)
+    drive = drive_route(DrivingEnv(SimulationConfig(cameras=False)), driver, route, max_ticks=30)
+    assert len(drive.controls) == 30 and any(control.throttle > 0 for control in drive.controls)
 
 
 def test_frames_that_lack_what_a_model_reads_are_a_clear_error(written) -> None:
