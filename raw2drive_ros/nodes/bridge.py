@@ -24,7 +24,7 @@ from msg_adapters.diagnostics import OK, WARN
 from msg_adapters.factory import RclpyFactory
 from raw2drive_ros.artifact import write_whole
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import NodeError, UnknownScenarioError, UnknownWeatherError
+from raw2drive_ros.contracts.errors import NodeError, UnknownScenarioError, UnknownWeatherError, UserError
 from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.driving.single_writer import Sender
 from raw2drive_ros.evaluation.drivers import make_driver
@@ -50,6 +50,7 @@ from raw2drive_ros.timing import load_timing
 ODOMETRY_ONLY = ('safety_gate', 'command_adapter')
 PARAMETERS: dict[str, tuple[Any, str]] = {
     'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: endless, see scenario'),
+    'time_limits': ('', "comma list of ROUTE=SECONDS; episodes that are not in it have their scene's own limit"),
     'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
     'seed': (0, 'seed for ~/reset and for endless driving'),
     'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
@@ -86,6 +87,7 @@ class BridgeNode(Node):
             raise NodeError('image_height and image_width must be positive')
         self.compressed = wants_compressed(p['image_transport'])
         self.queue = _parse_episodes(p['episodes'])
+        self.limits_s = _parse_limits(p['time_limits'])
         self.endless = not self.queue or bool(p['loop'])
         self.sim_driver = _sim_driver(p['sim_driver'], p['sim_driver_run'])
         cameras = self.sim_driver is None or self.sim_driver.needs_cameras
@@ -142,7 +144,7 @@ class BridgeNode(Node):
         self._write_results()
 
     def _drive(self, route: RouteId, index: int) -> None:
-        tick, _ = self.env.reset_to(route)
+        tick, _ = self.env.reset_to(route, self.limits_s.get(route))
         self.episode = str(route)
         if self.sim_driver is not None:
             self.sim_driver.reset(driver_seed(route))
@@ -349,6 +351,22 @@ def _parse_episodes(text: str) -> list[RouteId]:
     for route in episodes:
         get_scenario(route.type)
     return episodes
+
+
+def _parse_limits(text: str) -> dict[RouteId, float]:
+    """'A/1=31.5,B-twin/2=20' -> {route: s}. Raises RouteIdError, UnknownWeatherError or NodeError."""
+    limits_s: dict[RouteId, float] = {}
+    for part in filter(None, map(str.strip, text.split(','))):
+        route, _, seconds = part.rpartition('=')
+        try:
+            limits_s[RouteId.parse(route)] = limit_s = float(seconds)
+        except ValueError as error:
+            if isinstance(error, UserError):
+                raise
+            raise NodeError(f'time_limits: {part!r} is not ROUTE=SECONDS') from error
+        if not limit_s > 0.0:
+            raise NodeError(f'time_limits: {part!r}: give more than 0 s')
+    return limits_s
 
 
 def main(args: list[str] | None = None) -> int:
