@@ -93,7 +93,7 @@ def tune_drivers(options: argparse.Namespace) -> int:
 def audit_suite(options: argparse.Namespace) -> int:
     """Drive the sightless drivers over a suite. Exit code 1 when they win too much of it."""
     from raw2drive_ros.evaluation.cheats import SCRIPT, load_tuned, shipped
-    from raw2drive_ros.evaluation.suite_audit import HINDSIGHT, audit, faults_of, table_of
+    from raw2drive_ros.evaluation.suite_audit import HINDSIGHT, audit, faults_of, first_differences, table_of
     from raw2drive_ros.evaluation.suites import load_suite
     from raw2drive_ros.progress import bar
 
@@ -118,10 +118,12 @@ def audit_suite(options: argparse.Namespace) -> int:
         options.out.write_text(''.join(json.dumps(asdict(row)) + '\n' for row in rows))
     table = table_of(rows)
     faults = faults_of(table)
+    alike = first_differences(suite, types)
     if options.json:
-        print(json.dumps(_as_json(suite, rows, table, faults)))
+        told = {'alike_until': {one.type: str(one) for one in alike}}
+        print(json.dumps(_as_json(suite, rows, table, faults) | told))
     else:
-        _print_audit(suite, table)
+        _print_audit(suite, table, {one.type: str(one) for one in alike})
     for fault in faults:
         note(f'too soft: {fault}')
     return 1 if faults else 0
@@ -258,19 +260,21 @@ def _as_json(
     }
 
 
-def _print_audit(suite: Suite, table: dict[str, dict[str, Cell]]) -> None:
-    """Pairs won per type and driver, and in all."""
+def _print_audit(suite: Suite, table: dict[str, dict[str, Cell]], alike: dict[str, str]) -> None:
+    """Pairs won per type and driver, and in all. alike: type -> how far event and twin look alike."""
     from rich.table import Table
 
     from raw2drive_ros.cli.table import add_column, wide_console
     from raw2drive_ros.evaluation.suite_audit import bar_percent, percent_of
 
     shown = Table(title=f'pairs of {suite.name} version {suite.version} won without looking')
-    for column in ('type', *table):
+    for column in ('type', *table, 'twin alike until'):
         add_column(shown, column, right=column != 'type')
     for kind in dict.fromkeys(kind for cells in table.values() for kind in cells):
         cells = [of_type[kind] for of_type in table.values()]
-        shown.add_row(kind, *(f'{cell.pairs}/{cell.of}' if cell.pairs else '-' for cell in cells))
+        shown.add_row(
+            kind, *(f'{cell.pairs}/{cell.of}' if cell.pairs else '-' for cell in cells), alike.get(kind, 'no twin')
+        )
     shown.add_section()
     shown.add_row('pair success %', *(f'{percent_of(cells.values()):.1f}' for cells in table.values()))
     shown.add_row('at most', *(f'{bar_percent(driver):.0f}' for driver in table))

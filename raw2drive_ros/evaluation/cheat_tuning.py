@@ -52,21 +52,22 @@ class Trials:
         self.known: dict[tuple[Way, RouteId], bool] = {}
 
     def wins(self, way: Way, number: int) -> tuple[bool, bool]:
-        """(all drives of course `number`, the first of them) won."""
+        """(all drives of course `number`, the first of them) won. Ways that the limits rule out are not driven."""
         course = self.courses[number]
+        limits = [limit_s for limit_s in course.limits_s if limit_s is not None]
+        if limits and isinstance(way, Profile) and least_s(way, course.world) > min(limits):
+            return False, False
         first = False
         for place, (route, limit_s) in enumerate(zip(course.drives, course.limits_s, strict=True)):
-            if not self._won(way, course, route, limit_s):
+            if not self._won(way, route, limit_s):
                 return False, first
             first = first or place == 0
         return True, True
 
-    def _won(self, way: Way, course: Course, route: RouteId, limit_s: float | None) -> bool:
+    def _won(self, way: Way, route: RouteId, limit_s: float | None) -> bool:
         key = (way, route)
         if key not in self.known:
-            hopeless = isinstance(way, Profile) and limit_s is not None and least_s(way, course.world) > limit_s
-            decide = decider(way, self.memories)
-            self.known[key] = not hopeless and quick_drive(self.env, decide, route, limit_s).success
+            self.known[key] = quick_drive(self.env, decider(way, self.memories), route, limit_s).success
         return self.known[key]
 
 
@@ -114,7 +115,7 @@ def _refine(trials: Trials, best: Profile, score: tuple[int, int]) -> tuple[Prof
 def changed(profile: Profile, rng: Rng) -> Profile:
     """A profile that differs in one or two parameters."""
     for _ in range(int(rng.integers(1, 3))):
-        kind = int(rng.integers(5))
+        kind = int(rng.integers(6))
         if kind == 0:
             profile = dataclasses.replace(profile, share=round(profile.share * float(rng.uniform(0.8, 1.25)), 3))
         elif kind == 1:
@@ -126,7 +127,9 @@ def changed(profile: Profile, rng: Rng) -> Profile:
             kept = profile.stops[1:] if len(profile.stops) > 1 else profile.stops
             stops = tuple(sorted((*kept, Stop(at, for_s)), key=lambda stop: stop.at))
             profile = dataclasses.replace(profile, stops=stops)
-        elif kind == 3 and profile.stops:
+        elif kind == 3:
+            profile = dataclasses.replace(profile, offset_m=round(float(rng.uniform(-1.2, 1.2)), 2))
+        elif kind == 4 and profile.stops:
             moved = tuple(
                 Stop(round(s.at + float(rng.uniform(-0.06, 0.06)), 3), round(s.for_s * float(rng.uniform(0.7, 1.4)), 1))
                 for s in profile.stops

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from raw2drive_ros.artifact import write_whole
+from raw2drive_ros.artifact import short_hash, write_whole
 from raw2drive_ros.bounds import read_json
 from raw2drive_ros.contracts.errors import ConfigError
 from raw2drive_ros.contracts.public import Control
@@ -164,6 +164,12 @@ def shipped() -> Tuned:
     """What was chosen for the shipped suites; nothing where the folder is missing. Raises ConfigError."""
     folder = tuned_folder()
     return load_tuned(folder) if folder.is_dir() else Tuned()
+
+
+def tuned_identity() -> str:
+    """A hash of what was chosen for the shipped drivers, which identifies their results."""
+    texts = [path.read_bytes() for path in sorted(tuned_folder().glob('*.json'))]
+    return short_hash(b'\n'.join(texts))
 
 
 def load_tuned(folder: Path) -> Tuned:

@@ -1,11 +1,15 @@
-"""Whether a drawn scene may become a route: its actors must not crash before the ego is involved. And its weather."""
+"""Whether a drawn scene may become a route: its actors must not crash before the ego is involved, and a twin has to
+look like the event until something happens. And the weather of a route."""
 
 from __future__ import annotations
 
+import itertools
 import zlib
+from dataclasses import dataclass
 
 import numpy as np
 
+from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.evaluation.following import (
     SIGHT_M,
     idm_acceleration,
@@ -27,6 +31,8 @@ CHECK_EVERY_TICKS = 3
 SPEED_SHARE = 0.8
 START_MARGIN_M = 0.5
 NEAR_M = 7.0
+# As far as the cameras draw.
+SEEN_M = 80.0
 
 
 def weather_of(kind: str, seed: int) -> str:
@@ -43,16 +49,75 @@ def is_fair(kind: str, seed: int, *, twin: bool = False) -> bool:
     for tick in range(round(ROLLOUT_S * DECISION_HZ)):
         if tick % CHECK_EVERY_TICKS == 0 and _actors_touch(world):
             return False
-        speed = max(world.ego.speed, 0.0)
-        gap, closing = leader(world, world.detour_window(world.route_s_m + 1.0, SIGHT_M))
-        wanted = SPEED_SHARE * world.speed_limit_at(world.route_s_m)
-        acceleration = min(idm_acceleration(speed, wanted, gap, closing), stopping(speed, stop_line_m(world)))
-        control = pedals(world, acceleration, pursuit_steer(world, along_detour=True))
+        control = _follow(world)
         for _ in range(SUBSTEPS):
             world.step(control)
         if _touches_ego(world) or world.goal_s_m - world.route_s_m < 10.0:
             return True
     return True
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Where a twin first differs from its event for an ego that follows the route. what: in which respect."""
+
+    time_s: float
+    way_m: float
+    what: str
+
+
+def first_difference(kind: str, seed: int) -> Difference | None:
+    """The first difference of event and twin within `SEEN_M` of the ego; None within `ROLLOUT_S`.
+
+    Both worlds get the commands of one driver, that of the event. A difference at the start tells a driver which of the
+    two it is in, before anything has happened.
+    """
+    event, twin = (World(get_scenario(kind), Draw(kind, seed, event=happens)) for happens in (True, False))
+    for _ in range(round(ROLLOUT_S * DECISION_HZ)):
+        if what := _different(event, twin):
+            return Difference(event.time_s, event.route_s_m - event.scene.route.start_s_m, what)
+        if event.goal_s_m - event.route_s_m < 10.0:
+            break
+        control = _follow(event)
+        for _ in range(SUBSTEPS):
+            event.step(control)
+            twin.step(control)
+    return None
+
+
+def _different(event: World, twin: World) -> str:
+    if [light.colour for light in event.lights] != [light.colour for light in twin.lights]:
+        return 'light'
+    if len(event.stop_signs) != len(twin.stop_signs):
+        return 'stop sign'
+    if not np.array_equal(event.route.points_m, twin.route.points_m):
+        return 'route'
+    seen, also = (_seen(world) for world in (event, twin))
+    for one, other in itertools.zip_longest(seen, also):
+        if one != other:
+            return str((one or other)[0])
+    return ''
+
+
+def _seen(world: World) -> list[tuple[str, ...]]:
+    """What shows of every actor near the ego, rounded, in an order that does not depend on that of the actors."""
+    found = []
+    for actor in world.actors:
+        if float(np.abs(actor.position - world.ego.position).max()) < SEEN_M:
+            x, y = actor.position
+            numbers = (x, y, actor.heading, actor.LENGTH, actor.WIDTH)
+            colour = getattr(actor, 'colour', '')
+            found.append((actor.kind, *(f'{float(number):.2f}' for number in numbers), str(colour)))
+    return sorted(found)
+
+
+def _follow(world: World) -> Control:
+    """Along the reference path at `SPEED_SHARE` of the limit, with a distance to others, stops at lights and signs."""
+    speed = max(world.ego.speed, 0.0)
+    gap, closing = leader(world, world.detour_window(world.route_s_m + 1.0, SIGHT_M))
+    wanted = SPEED_SHARE * world.speed_limit_at(world.route_s_m)
+    acceleration = min(idm_acceleration(speed, wanted, gap, closing), stopping(speed, stop_line_m(world)))
+    return pedals(world, acceleration, pursuit_steer(world, along_detour=True))
 
 
 def _box(actor: Actor) -> np.ndarray:

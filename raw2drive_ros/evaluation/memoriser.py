@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from raw2drive_ros.contracts.public import Control, Float64
-from raw2drive_ros.evaluation.following import pedals, pursuit_steer, stopping
+from raw2drive_ros.evaluation.following import pedals, pursuit_steer
 from raw2drive_ros.simulation.draws import Parameter, distance
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ
@@ -22,7 +22,11 @@ from raw2drive_ros.tables.rates import DECISION_HZ
 EVERY_TICKS = 5
 STANDING_MPS = 0.2
 SHAPE_STATIONS = 10
-CATCH_UP_1PS = 0.6
+CATCH_UP_1PS, GAIN_1PS, HARDEST_MPS2 = 0.6, 3.0, 7.0
+# The memory is read so far ahead (s, m), because the car takes a moment to get faster or slower.
+AHEAD_S, AHEAD_M = 0.35, 1.0
+# How the stands of a memory are approached when it is repeated by the place.
+BRAKING_MPS2 = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,29 +145,31 @@ class MemoryDriver:
     def _by_clock(self, time_s: float, way_m: float, speed: float) -> float:
         assert self.chosen is not None
         times, ways, _, speeds = self.chosen.moments.T
-        place = float(np.interp(time_s, times, ways))
+        time_s += AHEAD_S
+        place = float(np.interp(time_s, times, ways)) - AHEAD_S * float(np.interp(time_s, times, speeds))
         # After the end of the memory it goes on at its last speed.
         place += max(0.0, time_s - times[-1]) * float(speeds[-1])
         wanted = max(0.0, float(np.interp(time_s, times, speeds)) + CATCH_UP_1PS * (place - way_m))
-        return min(max(1.5 * (wanted - speed), -6.0), 3.0)
+        return min(max(GAIN_1PS * (wanted - speed), -HARDEST_MPS2), 3.0)
 
     def _by_place(self, way_m: float, speed: float) -> float:
         assert self.chosen is not None
         _, ways, _, speeds = self.chosen.moments.T
         moving = speeds > STANDING_MPS
-        wanted = float(np.interp(way_m + 1.0, ways[moving], speeds[moving])) if moving.any() else 0.0
-        acceleration = min(max(1.5 * (max(wanted, 1.0) - speed), -6.0), 3.0)
+        ahead_m = way_m + AHEAD_M + AHEAD_S * speed
+        wanted = max(1.0, float(np.interp(ahead_m, ways[moving], speeds[moving]))) if moving.any() else 0.0
         while self.stands and way_m > self.stands[0][0] + 2.5:
             del self.stands[0]
-        if not self.stands:
-            return acceleration
-        place_m, left_s = self.stands[0]
-        if speed < STANDING_MPS and place_m - way_m < 2.5:
-            if left_s <= 0.0:
-                del self.stands[0]
-                return acceleration
-            self.stands[0] = (place_m, left_s - 1.0 / DECISION_HZ)
-        return min(acceleration, stopping(speed, place_m - way_m + 1.0))
+        if self.stands:
+            place_m, left_s = self.stands[0]
+            if speed < STANDING_MPS and place_m - way_m < 2.5:
+                self.stands[0] = (place_m, left_s - 1.0 / DECISION_HZ)
+                if left_s <= 0.0:
+                    del self.stands[0]
+            wanted = (
+                min(wanted, math.sqrt(2.0 * BRAKING_MPS2 * max(0.0, place_m - way_m - 0.3))) if left_s > 0.0 else wanted
+            )
+        return min(max(GAIN_1PS * (wanted - speed), -HARDEST_MPS2), 3.0)
 
 
 def stands_of(moments: Float64) -> list[tuple[float, float]]:

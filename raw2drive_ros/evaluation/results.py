@@ -10,7 +10,7 @@ import json
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -193,7 +193,7 @@ def _checked_row(record: Any, source: str) -> Row:
         if not all(type(count) is int for count in row['infractions'].values()):
             raise ValueError('infractions: not a table of counts')
         parts = '/'.join(str(row[name]) for name in ('type', 'seed', 'weather', 'repetition'))
-        if RouteId.parse(parts) != id_of(row):
+        if replace(RouteId.parse(parts), twin=id_of(row).twin) != id_of(row):
             raise ValueError(f'id {row["id"]} is not that of {parts}')
     except ValueError as error:
         raise ResultsError(f'{source} is not a result: {error}') from error

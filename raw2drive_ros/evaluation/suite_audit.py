@@ -9,6 +9,7 @@ from typing import Any
 
 from raw2drive_ros.evaluation.cheat_tuning import Course, Trials
 from raw2drive_ros.evaluation.cheats import FAMILIES, SCRIPT, SIGHTLESS, Tuned, decider
+from raw2drive_ros.evaluation.fairness import Difference, first_difference
 from raw2drive_ros.evaluation.quick_drive import quick_drive, sensorless_env
 from raw2drive_ros.evaluation.suites import Pair, Suite
 from raw2drive_ros.evaluation.workers import in_order
@@ -36,6 +37,18 @@ class AuditRow:
     @property
     def pair(self) -> bool:
         return all(self.won)
+
+
+@dataclass(frozen=True, slots=True)
+class Alike:
+    """Where the twin of a type's first pair begins to differ from its event; None: nowhere."""
+
+    type: str
+    difference: Difference | None
+
+    def __str__(self) -> str:
+        found = self.difference
+        return 'never' if found is None else f'{found.way_m:.0f} m ({found.what})'
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +127,12 @@ def _hindsight(env: DrivingEnv, job: _Job) -> AuditRow:
             return AuditRow(HINDSIGHT, job.pair.type, job.pair.seed, won, ('',) * len(won), way.to_json())
     won = (event, *(False for _ in job.pair.drives[1:]))
     return AuditRow(HINDSIGHT, job.pair.type, job.pair.seed, won, ('no profile',) * len(won), {})
+
+
+def first_differences(suite: Suite, types: Iterable[str]) -> list[Alike]:
+    """For the first pair of each type that has twins: how far does the ego drive until the two can be told apart?"""
+    pairs = {pair.type: pair for pair in reversed(suite.pairs) if len(pair.drives) > 1}
+    return [Alike(kind, first_difference(kind, pairs[kind].seed)) for kind in types if kind in pairs]
 
 
 def table_of(rows: Iterable[AuditRow]) -> dict[str, dict[str, Cell]]:

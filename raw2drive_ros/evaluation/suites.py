@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from raw2drive_ros.bounds import read_json
-from raw2drive_ros.contracts.errors import UnknownScenarioError, UnknownSuiteError
+from raw2drive_ros.contracts.errors import RouteIdError, UnknownScenarioError, UnknownSuiteError
 from raw2drive_ros.contracts.near_names import unknown_name
 from raw2drive_ros.evaluation.suite_plans import EVENT, TWIN
 from raw2drive_ros.settings import params_folder
@@ -91,6 +91,26 @@ class Suite:
 def key_of(route: RouteId) -> DriveKey:
     """What a time limit belongs to: not to weather and repetition."""
     return route.type, route.seed, route.twin
+
+
+def limits_text(limits_s: Mapping[RouteId, float]) -> str:
+    """Time limits as one line, for a parameter of a node; `limits_of_text` reads it."""
+    return ','.join(f'{route}={limit_s!r}' for route, limit_s in limits_s.items())
+
+
+def limits_of_text(text: str) -> dict[RouteId, float]:
+    """'A/1=31.5,B-twin/2/FogNoon=20' -> time limit (s) by route. Raises RouteIdError, UnknownWeatherError."""
+    limits_s: dict[RouteId, float] = {}
+    for part in filter(None, map(str.strip, text.split(','))):
+        route, _, seconds = part.rpartition('=')
+        try:
+            limit_s = float(seconds)
+        except ValueError:
+            limit_s = math.nan
+        if not limit_s > 0.0:
+            raise RouteIdError(f'time limit {part!r} is not of the form ROUTE=SECONDS')
+        limits_s[RouteId.parse(route)] = limit_s
+    return limits_s
 
 
 def suite_folder() -> Path:

@@ -78,6 +78,7 @@ def drive_graph(
 
 def _start(graph: Graph, job: GraphJob) -> None:
     from raw2drive_ros.contracts import topics
+    from raw2drive_ros.evaluation.suites import limits_text
     from raw2drive_ros.faults.plan import load_plans, remapping
 
     out, routes = job.out, ','.join(map(str, job.routes))
@@ -100,7 +101,7 @@ def _start(graph: Graph, job: GraphJob) -> None:
         graph.start('planner', planner | {'image_transport': job.image_transport}, remap=heard)
     bridge = {
         'episodes': routes,
-        'time_limits': ','.join(f'{route}={s!r}' for route, s in job.limits_s.items() if route in job.routes),
+        'time_limits': limits_text({route: s for route, s in job.limits_s.items() if route in job.routes}),
         'sim_driver': job.sim_driver,
         'sim_driver_run': str(job.run.resolve()) if job.run else '',
         'bench2drive_compat': job.bench2drive_compat,

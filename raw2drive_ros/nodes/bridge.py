@@ -24,7 +24,7 @@ from msg_adapters.diagnostics import OK, WARN
 from msg_adapters.factory import RclpyFactory
 from raw2drive_ros.artifact import write_whole
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import NodeError, UnknownScenarioError, UnknownWeatherError, UserError
+from raw2drive_ros.contracts.errors import NodeError, UnknownScenarioError, UnknownWeatherError
 from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.driving.single_writer import Sender
 from raw2drive_ros.evaluation.drivers import make_driver
@@ -32,6 +32,7 @@ from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.results import append_row
 from raw2drive_ros.evaluation.statistics import timing_of
+from raw2drive_ros.evaluation.suites import limits_of_text
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.nodes.command_wait import CommandWait
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
@@ -87,7 +88,7 @@ class BridgeNode(Node):
             raise NodeError('image_height and image_width must be positive')
         self.compressed = wants_compressed(p['image_transport'])
         self.queue = _parse_episodes(p['episodes'])
-        self.limits_s = _parse_limits(p['time_limits'])
+        self.limits_s = limits_of_text(p['time_limits'])
         self.endless = not self.queue or bool(p['loop'])
         self.sim_driver = _sim_driver(p['sim_driver'], p['sim_driver_run'])
         cameras = self.sim_driver is None or self.sim_driver.needs_cameras
@@ -351,22 +352,6 @@ def _parse_episodes(text: str) -> list[RouteId]:
     for route in episodes:
         get_scenario(route.type)
     return episodes
-
-
-def _parse_limits(text: str) -> dict[RouteId, float]:
-    """'A/1=31.5,B-twin/2=20' -> {route: s}. Raises RouteIdError, UnknownWeatherError or NodeError."""
-    limits_s: dict[RouteId, float] = {}
-    for part in filter(None, map(str.strip, text.split(','))):
-        route, _, seconds = part.rpartition('=')
-        try:
-            limits_s[RouteId.parse(route)] = limit_s = float(seconds)
-        except ValueError as error:
-            if isinstance(error, UserError):
-                raise
-            raise NodeError(f'time_limits: {part!r} is not ROUTE=SECONDS') from error
-        if not limit_s > 0.0:
-            raise NodeError(f'time_limits: {part!r}: give more than 0 s')
-    return limits_s
 
 
 def main(args: list[str] | None = None) -> int:
