@@ -121,14 +121,14 @@ def _show(options: argparse.Namespace) -> int:
         print(json.dumps({'suite': suite.name, 'version': suite.version, 'routes': routes}))
         return 0
     table = Table(title=f'{suite.name} version {suite.version}: {len(routes)} routes')
-    columns = ('type', 'seed', 'drive', 'weather', 'abilities', 'limit s')
+    columns = ('type', 'seed', 'weather', 'abilities', 'drive', 'limit s')
     for column in columns:
         add_column(table, column, right=column in ('seed', 'limit s'))
     for route in routes:
         abilities = ', '.join(route['abilities']) or '-'
         drive, limit = 'twin' if route['twin'] else 'event', route['limit_s']
         shown = '-' if limit is None else f'{limit:.1f}'
-        table.add_row(route['type'], str(route['seed']), drive, route['weather'], abilities, shown)
+        table.add_row(route['type'], str(route['seed']), route['weather'], abilities, drive, shown)
     wide_console().print(table)
     print(f'drive them: raw2drive evaluate --suite {options.name}')
     return 0

@@ -235,7 +235,7 @@ def _print_choices(tuned: Tuned, types: Sequence[str]) -> None:
     for kind in types:
         if kind in tuned.choices.get(SCRIPT, {}):
             best = tuned.choices[SCRIPT][kind]
-            table.add_row(kind, best.family, str(best.won), str(best.of), json.dumps(best.way.to_json()))
+            table.add_row(kind, best.family, str(best.won), str(best.of), json.dumps(best.way.stored()))
     wide_console().print(table)
 
 

@@ -182,7 +182,7 @@ def load_tuned(folder: Path) -> Tuned:
             if name in SIGHTLESS
         }
         stored = read_json(folder / 'memories.json')
-        memories = tuple(Recorded.from_json(kind, entry) for kind, drives in stored.items() for entry in drives)
+        memories = tuple(Recorded.from_stored(kind, entry) for kind, drives in stored.items() for entry in drives)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ConfigError(f'{folder}: not choices of sightless drivers: {type(error).__name__}: {error}') from error
     return Tuned(choices, memories)
@@ -192,7 +192,7 @@ def _choice(name: str, values: Mapping[str, Any]) -> Choice:
     family = str(values['family'])
     if family not in FAMILIES or name not in (family, SCRIPT):
         raise ValueError(f'family {family!r} of driver {name}')
-    read = Replay.from_json if family == 'memoriser' else Profile.from_json
+    read = Replay.from_stored if family == 'memoriser' else Profile.from_stored
     return Choice(family, read(values['way']), int(values['won']), int(values['of']))
 
 
@@ -201,7 +201,7 @@ def save_tuned(folder: Path, tuned: Tuned) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     choices = {
         name: {
-            kind: {'family': c.family, 'way': c.way.to_json(), 'won': c.won, 'of': c.of}
+            kind: {'family': c.family, 'way': c.way.stored(), 'won': c.won, 'of': c.of}
             for kind, c in sorted(of_type.items())
         }
         for name, of_type in tuned.choices.items()
@@ -209,7 +209,7 @@ def save_tuned(folder: Path, tuned: Tuned) -> None:
     write_whole(folder / 'choices.json', _lines(choices))
     drives: dict[str, dict[str, Any]] = {}
     for memory in sorted(tuned.memories, key=lambda m: (m.type, m.seed, m.twin)):
-        drives.setdefault(memory.type, {})[f'{memory.seed}{memory.twin}'] = memory.to_json()
+        drives.setdefault(memory.type, {})[f'{memory.seed}{memory.twin}'] = memory.stored()
     rows = [
         f'{json.dumps(kind)}: [\n' + ',\n'.join(json.dumps(entry, separators=(',', ':')) for entry in entries.values())
         for kind, entries in drives.items()

@@ -44,7 +44,7 @@ class Recorded:
     shape: tuple[float, ...]
     moments: Float64
 
-    def to_json(self) -> dict[str, Any]:
+    def stored(self) -> dict[str, Any]:
         """Times need not be stored; the others are, in tenths."""
         return {
             'seed': self.seed,
@@ -55,7 +55,7 @@ class Recorded:
         }
 
     @staticmethod
-    def from_json(kind: str, body: Mapping[str, Any]) -> Recorded:
+    def from_stored(kind: str, body: Mapping[str, Any]) -> Recorded:
         """Raises ValueError, KeyError, TypeError."""
         values = np.array(body['moments'], float).reshape(-1, 3) / 10.0
         if not len(values) or not np.isfinite(values).all():
@@ -80,12 +80,12 @@ class Replay:
     clock: bool = True
     lateral: bool = True
 
-    def to_json(self) -> dict[str, Any]:
+    def stored(self) -> dict[str, Any]:
         return {'twin': self.twin, 'clock': self.clock, 'lateral': self.lateral}
 
     @staticmethod
-    def from_json(values: Mapping[str, Any]) -> Replay:
-        """Raises ValueError for what `to_json` does not give."""
+    def from_stored(values: Mapping[str, Any]) -> Replay:
+        """Raises ValueError for what `stored` does not give."""
         if set(values) - {'twin', 'clock', 'lateral'} or not all(type(v) is bool for v in values.values()):
             raise ValueError(f'{dict(values)!r}: not twin, clock, lateral with true or false')
         return Replay(**values)

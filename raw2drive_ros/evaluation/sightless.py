@@ -66,15 +66,15 @@ class Profile:
     offset_m: float = 0.0
     sensor: bool = False
 
-    def to_json(self) -> dict[str, Any]:
+    def stored(self) -> dict[str, Any]:
         """The fields that differ from the defaults."""
         found = {field.name: getattr(self, field.name) for field in fields(self)}
         found['stops'] = tuple((stop.at, stop.for_s) for stop in self.stops)
         return {name: value for name, value in found.items() if value != _DEFAULTS[name]}
 
     @staticmethod
-    def from_json(values: Mapping[str, Any]) -> Profile:
-        """Raises ValueError for what `to_json` does not give."""
+    def from_stored(values: Mapping[str, Any]) -> Profile:
+        """Raises ValueError for what `stored` does not give."""
         if unknown := sorted(set(values) - set(_DEFAULTS)):
             raise ValueError(f'no such parameter: {", ".join(unknown)}')
         given = dict(values)

@@ -111,7 +111,7 @@ def _audit_pair(auditor: _Auditor, job: _Job) -> list[AuditRow]:
                 for route, limit_s in zip(pair.drives, job.limits_s, strict=True)
             ]
             known[way] = tuple(v.success for v in verdicts), tuple(v.cause for v in verdicts)
-        rows.append(AuditRow(driver, pair.type, pair.seed, *known[way], way.to_json()))
+        rows.append(AuditRow(driver, pair.type, pair.seed, *known[way], way.stored()))
     return rows
 
 
@@ -124,7 +124,7 @@ def _hindsight(env: DrivingEnv, job: _Job) -> AuditRow:
         event = event or first
         if whole:
             won = (True,) * len(job.pair.drives)
-            return AuditRow(HINDSIGHT, job.pair.type, job.pair.seed, won, ('',) * len(won), way.to_json())
+            return AuditRow(HINDSIGHT, job.pair.type, job.pair.seed, won, ('',) * len(won), way.stored())
     won = (event, *(False for _ in job.pair.drives[1:]))
     return AuditRow(HINDSIGHT, job.pair.type, job.pair.seed, won, ('no profile',) * len(won), {})
 
