@@ -36,9 +36,9 @@ Rgb = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class PaintedGround:
-    """pyramid: RGBI textures, each half as wide as the one before; rows grow with y (I is the number of the thing that a
-    pixel belongs to, see `renderer`: 0, nothing; OpenCV remaps four channels in half the time of three). origin_m: (2,)
-    `map` position of the centre of pixel (0, 0) of the first level. beyond: (3,) RGB outside the texture."""
+    """pyramid: RGBI textures, each half as wide as the one before; rows grow with y (I is the number of the thing that
+    a pixel belongs to, see `renderer`: 0, nothing; OpenCV remaps four channels in half the time of three). origin_m:
+    (2,) `map` position of the centre of pixel (0, 0) of the first level. beyond: (3,) RGB outside the texture."""
 
     pyramid: list[Rgb]
     origin_m: Float64
