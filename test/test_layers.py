@@ -179,11 +179,13 @@ def test_the_process_of_a_node_loads_no_more_than_it_needs(node, unneeded) -> No
     [
         'raw2drive_ros.contracts.privileged',
         'msg_adapters.privileged',
+        'msg_adapters.privileged_actors',
         'raw2drive_ros.simulation.world',
         'raw2drive_ros.training.privileged',
         'raw2drive_ros.recording.bag_reader',
         'raw2drive_ros.world_model.teacher',
         'raw2drive_ros.world_model.mask_codec',
+        'raw2drive_ros.world_model.privileged_inputs',
     ],
 )
 def test_the_planner_process_cannot_import_privileged_code(module) -> None:
