@@ -33,6 +33,8 @@ NO_HIT = 10_000
 BEHIND_M = 8.0
 # Nearer than this, refine the first hit to where the surfaces meet; across, the grid of a metre has to do.
 REFINE_COS = 0.7
+# Vehicles brake for where a walker will be within this time.
+WALK_AHEAD_S = 2.0
 NOBODY = (math.inf, 0.0, -1)
 
 Ints = NDArray[Any]
@@ -100,14 +102,19 @@ def _search(world: World, followers: Sequence[PathVehicle], rows: Ints, one: Int
     x, y, cos, sin = (samples[one, :, k] for k in range(4))
     yaw = world.headings[other]
     other_cos, other_sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    dx, dy = x - world.positions[other, 0, None], y - world.positions[other, 1, None]
+    # Who walks takes up the way ahead, too.
+    half_walk = (0.5 * WALK_AHEAD_S * np.where(world.walks, world.speeds, 0.0))[other][:, None]
+    dx = x - world.positions[other, 0, None] - half_walk * other_cos
+    dy = y - world.positions[other, 1, None] - half_walk * other_sin
     # In the frame of the other actor, a cross-section of the follower reaches `across` * half its width from its
     # middle along the length of the other, and `along` * half its width along the width.
     along, across = np.abs(cos * other_cos + sin * other_sin), np.abs(sin * other_cos - cos * other_sin)
     ego = len(world.actors)
     margin = np.where((other == ego) & (world.ego.speed > STANDING_MPS), 0.0, MARGIN_M)
     half = (world.half_widths[rows][one] + margin)[:, None]
-    over_length = world.half_lengths[other][:, None] + half * across - np.abs(dx * other_cos + dy * other_sin)
+    over_length = (
+        world.half_lengths[other][:, None] + half_walk + half * across - np.abs(dx * other_cos + dy * other_sin)
+    )
     over_width = world.half_widths[other][:, None] + half * along - np.abs(dy * other_cos - dx * other_sin)
     hits = (over_length > 0.0) & (over_width > 0.0)
     first = hits.argmax(axis=1)
@@ -144,6 +151,9 @@ def _assign(world: World, followers: Sequence[PathVehicle], hits: Any) -> None:
     moving = world.ego.speed >= STANDING_MPS
     for one, other, gap, closing, facing in hits:
         vehicle = followers[one]
+        if facing < -REFINE_COS and closing > 0.0:
+            # Head-on: each of them has to stop before the place where they would meet.
+            gap, closing = gap * vehicle.speed / closing, vehicle.speed
         gap = max(gap, 0.05)
         if other == ego:
             # Vehicles with priority ignore an ego that crosses their way.

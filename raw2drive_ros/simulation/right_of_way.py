@@ -36,7 +36,7 @@ FAST_START_MPS2, SLOW_START_MPS2 = 3.0, 1.2
 IMPATIENT_S = 6.0
 # An ego that stands before its line for so long does not use its right of way.
 EGO_HESITATES_S = 2.0
-STANDING_MPS = 0.5
+STANDING_MPS, CREEP_MPS = 0.5, 0.05
 BEYOND_LINE_M = 1.0
 LINE_M = 5.0
 # At a priority of its own, a vehicle slower than this lets an ego pass that is in the junction already.
@@ -118,7 +118,7 @@ class RightOfWay:
         vehicle = approach.vehicle
         if vehicle is None or vehicle.course is None or approach.inside:
             return False
-        if not vehicle.yields:
+        if not vehicle.yields and not _stays(approach):
             return not vehicle.obeys_lights or light_of(world, approach.crossing) != RED
         current = approach.crossing is vehicle.course.crossings[vehicle.next_crossing]
         return vehicle.has_leave and current and not _can_stop(approach)
@@ -205,6 +205,8 @@ class RightOfWay:
         zone = self.zone(one.crossing.connector, other.crossing.connector)
         if zone is None:
             return _turns_across_a_cyclist(one, other)
+        if _stays(other):
+            return False
         yields = must_yield(one, other)
         own_in, own_out = self._times(one, zone[0], zone[1], vehicle.target_speed)
         if other.inside:
@@ -271,6 +273,12 @@ def _turns_across_a_cyclist(one: Approach, other: Approach) -> bool:
     # Beyond the car's turn it is in nobody's way any more.
     beyond_m = one.crossing.stop_s_m - one.crossing.leave_s_m
     return beyond_m < other.to_line_m < one.to_line_m + CYCLIST_BEHIND_M
+
+
+def _stays(approach: Approach) -> bool:
+    """Whether a vehicle stands before its line until a script starts it."""
+    vehicle = approach.vehicle
+    return vehicle is not None and not approach.inside and vehicle.target_speed < CREEP_MPS > vehicle.speed
 
 
 def _can_stop(approach: Approach) -> bool:
