@@ -12,6 +12,8 @@ from raw2drive_ros.simulation.leaders import LOOK_AHEAD_M
 COMFORT_MPS2 = 2.5
 MAX_BRAKING_MPS2 = 8.0
 DRIFT_MPS2 = 3.8
+# A vehicle falls back with this deceleration where another one pushes into its way from beside it.
+BESIDE_M, BESIDE_MPS2 = 1.5, 5.0
 
 
 def needed_mps2(gap_m: float, closing_mps: float) -> float:
@@ -29,7 +31,7 @@ def follow(speed: float, free_mps2: float, gap_m: float, closing_mps: float, tim
     comfort = math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
     wanted_gap = 3.0 + max(0.0, speed * time_gap_s + speed * closing_mps / (2.0 * comfort))
     wanted = free_mps2 - IDMVehicle.COMFORT_ACC_MAX * (wanted_gap / max(gap_m, 0.1)) ** 2
-    hardest = COMFORT_MPS2
+    hardest = COMFORT_MPS2 if gap_m > BESIDE_M else BESIDE_MPS2
     if closing_mps > 0.0:
         hardest = max(hardest, 1.4 * needed_mps2(gap_m - 1.0, closing_mps) + 0.5)
     return max(wanted, -min(hardest, MAX_BRAKING_MPS2))

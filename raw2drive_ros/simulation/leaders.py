@@ -31,6 +31,15 @@ STEPS = int(LOOK_AHEAD_M)
 NO_HIT = 10_000
 # Actors farther behind a vehicle's centre than this, as the vehicle looks, cannot be on its way.
 BEHIND_M = 8.0
+HEAD_ON_COS = -0.7
+HALF_STEP_M = 0.5
+# Paths are known this far beyond their ends.
+BEYOND_END_M = 100.0
+STRIDE = round(1.0 / SPACING_M)
+STEPS = int(LOOK_AHEAD_M)
+NO_HIT = 10_000
+# Actors farther behind a vehicle's centre than this, as the vehicle looks, cannot be on its way.
+BEHIND_M = 8.0
 # Nearer than this, refine the first hit to where the surfaces meet; across, the grid of a metre has to do.
 REFINE_COS = 0.7
 # Vehicles brake for where a walker will be within this time.
@@ -112,19 +121,22 @@ def _search(world: World, followers: Sequence[PathVehicle], rows: Ints, one: Int
     ego = len(world.actors)
     margin = np.where((other == ego) & (world.ego.speed > STANDING_MPS), 0.0, MARGIN_M)
     half = (world.half_widths[rows][one] + margin)[:, None]
-    over_length = (
-        world.half_lengths[other][:, None] + half_walk + half * across - np.abs(dx * other_cos + dy * other_sin)
-    )
-    over_width = world.half_widths[other][:, None] + half * along - np.abs(dy * other_cos - dx * other_sin)
+    # Half a step more along the way, so that nothing is missed between two samples.
+    over_length = world.half_lengths[other][:, None] + half_walk + half * across + HALF_STEP_M * along
+    over_length -= np.abs(dx * other_cos + dy * other_sin)
+    over_width = world.half_widths[other][:, None] + half * along + HALF_STEP_M * across
+    over_width -= np.abs(dy * other_cos - dx * other_sin)
     hits = (over_length > 0.0) & (over_width > 0.0)
     first = hits.argmax(axis=1)
     found = np.flatnonzero(hits[np.arange(len(one)), first])
     if not len(found):
         return
     at = first[found]
-    one, other, along = one[found], other[found], along[found, at]
-    closer = np.where(along > REFINE_COS, over_length[found, at] / np.maximum(along, REFINE_COS), 0.5)
-    gap = at - np.where(at > 0, np.minimum(closer, 1.0), closer) - residue[one]
+    one, other, along, across = one[found], other[found], along[found, at], across[found, at]
+    # From the first sample that touches back to where the surfaces meet.
+    one_way = along > across
+    deep = np.where(one_way, over_length[found, at], over_width[found, at]) / np.maximum(along, across)
+    gap = at + HALF_STEP_M - np.where(at > 0, np.minimum(deep, 1.0), deep) - residue[one]
     facing = cos[found, at] * other_cos[found, 0] + sin[found, at] * other_sin[found, 0]
     closing = world.speeds[rows[one]] - world.speeds[other] * facing
     _assign(world, followers, zip(one.tolist(), other.tolist(), gap.tolist(), closing.tolist(), facing.tolist()))
@@ -151,7 +163,7 @@ def _assign(world: World, followers: Sequence[PathVehicle], hits: Any) -> None:
     moving = world.ego.speed >= STANDING_MPS
     for one, other, gap, closing, facing in hits:
         vehicle = followers[one]
-        if facing < -REFINE_COS and closing > 0.0:
+        if facing < HEAD_ON_COS and closing > 0.0:
             # Head-on: each of them has to stop before the place where they would meet.
             gap, closing = gap * vehicle.speed / closing, vehicle.speed
         gap = max(gap, 0.05)

@@ -210,7 +210,7 @@ class World:
     def _renew(self) -> None:
         """Traffic that goes on for ever: add what is due out of sight, remove what has left."""
         for actor in self.actors:
-            beyond = isinstance(actor, PathVehicle) and actor.course is not None and actor.s_m > actor.ends_at_s_m
+            beyond = isinstance(actor, PathVehicle) and not actor.leaves_in_sight and actor.s_m > actor.ends_at_s_m
             if beyond and self.ego_distance_m(actor.position) > HIDDEN_M:
                 self.remove(actor)
         if self.roadside is not None:
