@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from traffic_worlds import brake, drive_on, junction_world, stand_aside
+from traffic_worlds import brake, drive_on, junction_world, stand_aside, world_of
 
 from raw2drive_ros.contracts.public import Control
-from raw2drive_ros.simulation.actors import PathVehicle
+from raw2drive_ros.simulation.actors import PathVehicle, Walker
+from raw2drive_ros.simulation.chain import Link, joined
+from raw2drive_ros.simulation.layout import Junction, RoadLayout, Straight
 from raw2drive_ros.simulation.leaders import find_leaders
 from raw2drive_ros.simulation.scenario import (
     AcrossJunction,
@@ -13,6 +15,8 @@ from raw2drive_ros.simulation.scenario import (
     BackgroundSpec,
     CarSpec,
     FlowSpec,
+    RouteSpec,
+    Scene,
 )
 from raw2drive_ros.simulation.scripts import Script
 from raw2drive_ros.simulation.signals import TrafficLight
@@ -310,6 +314,22 @@ def test_braking_that_only_the_ego_causes_is_recorded(ahead_m, hard) -> None:
         assert car.speed < 9.0, 'it has braked, but gently'
 
 
+def test_head_on_both_have_to_stop_before_where_they_would_meet() -> None:
+    """An ego that overtakes far away asks for no hard braking; one that is close does."""
+    hardest = {}
+    for gap_m in (70.0, 32.0):
+        world = junction_world(actors=(CarSpec(AlongRoad(110.0, oncoming=True), 10.0),))
+        car = car_of(world)
+        x, y, yaw = car.path.pose(car.s_m + gap_m)
+        world.ego.position[:], world.ego.heading, world.ego.speed = (x, y), yaw + np.pi, 10.0
+        world.refresh()
+        hardest[gap_m] = 0.0
+        for _ in range(20):
+            world.step(Control(0.4))
+            hardest[gap_m] = max(hardest[gap_m], car.imposed_mps2)
+    assert hardest[32.0] > 3.5 > hardest[70.0]
+
+
 def test_behind_another_car_the_ego_imposes_nothing() -> None:
     world = junction_world(actors=(CarSpec(AlongRoad(60.0), 0.0, 0.01), CarSpec(AlongRoad(40.0), 9.0)))
     stand_aside(world)
@@ -334,9 +354,24 @@ def test_the_gap_is_that_between_bumpers_on_straights_and_through_a_junction() -
             world.ego.position[:] = (-500.0, 0.0)
             world.refresh()
             find_leaders(world, [rear, front])
-            assert rear.gap_m == pytest.approx(between, abs=0.8)
+            assert rear.gap_m == pytest.approx(between, abs=0.4)
             assert front.gap_m == np.inf
             assert world.actors[rear.leader_row] is front
+
+
+def test_what_is_thin_and_lies_across_the_way_is_not_missed() -> None:
+    world = junction_world()
+    course = world.book.across(0, 'back', 'ahead')
+    for at_m in np.arange(20.0, 22.0, 0.17):
+        car = PathVehicle(course.path, 10.0, 8.0, 8.0, course=course)
+        x, y, yaw = course.path.pose(float(at_m))
+        walker = Walker(world.route, float(at_m), -3.0, 3.0, 1.0, 0.0)
+        walker.position[:], walker.heading = (x, y), yaw + np.pi / 2
+        world.actors = [car, walker]
+        world.ego.position[:] = (-500.0, 0.0)
+        world.refresh()
+        find_leaders(world, [car])
+        assert car.gap_m == pytest.approx(at_m - 10.0 - car.LENGTH / 2 - walker.WIDTH / 2, abs=0.3)
 
 
 # -- determinism -------------------------------------------------------------------------------------
@@ -369,3 +404,18 @@ def test_equal_seeds_give_equal_traffic_and_numbers_are_unique() -> None:
 
     assert run(7) == run(7)
     assert run(7) != run(8)
+
+
+def test_traffic_of_a_later_scene_of_a_chain_is_where_that_scene_is() -> None:
+    layout = RoadLayout((Straight(100), Junction('ahead', control='light'), Straight(100)), 1, 1, 11.0)
+    actors = (CarSpec(AlongRoad(60.0), 5.0), FlowSpec(AcrossJunction(0, 'left', 'right'), 8.0))
+    scene = Scene(layout, RouteSpec(), actors, background=BackgroundSpec('light'))
+    whole = joined([Link(scene, 221.0, 221.0)] * 2)
+    late_car, late_flow = whole.actors[2:]
+    assert late_car.place == AlongRoad(281.0)
+    assert late_car.waits_for_s_m == late_flow.from_s_m == pytest.approx(221.0 + 6.0)
+    assert late_flow.place.junction == 1
+    world = world_of(whole)
+    assert {light.junction for light in world.lights} == {0, 1}
+    assert len(world.waiting) == 1
+    assert not world.flows[1].numbers
