@@ -147,6 +147,7 @@ def _samples(world: World, followers: Sequence[PathVehicle], rows: Ints) -> tupl
     far the front is beyond the first of them already."""
     ends = np.array([world.bank.rows_of(vehicle.path) for vehicle in followers])
     front = np.array([vehicle.s_m for vehicle in followers]) + world.half_lengths[rows]
+    front -= np.array([getattr(vehicle.path, 'start_s_m', 0.0) for vehicle in followers])
     begin = np.maximum(front / SPACING_M, 0.0).astype(int)
     index = np.minimum((ends[:, 0] + begin)[:, None] + STRIDE * np.arange(STEPS), ends[:, 1, None])
     samples = world.bank.table[index]

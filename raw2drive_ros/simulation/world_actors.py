@@ -238,7 +238,8 @@ class WorldBuilder:
         own_at, ego_at = np.flatnonzero(own), np.flatnonzero(ego)
         gaps = path.points_m[own_at, None] - route.points_m[None, ego_at]
         i, j = np.unravel_index(np.argmin(np.einsum('abk,abk->ab', gaps, gaps)), (len(own_at), len(ego_at)))
-        return float(own_at[i]) * SPACING_M, float(ego_at[j]) * SPACING_M
+        own_s_m, ego_s_m = float(own_at[i]) * SPACING_M, float(ego_at[j]) * SPACING_M
+        return own_s_m + getattr(path, 'start_s_m', 0.0), ego_s_m + getattr(route, 'start_s_m', 0.0)
 
     def _stop_line_s_m(self, spec: TrafficSpec, path: Path) -> float:
         """Arc length of a vehicle's stop line before junction `spec.junction`, on its path."""
