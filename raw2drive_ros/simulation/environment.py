@@ -22,6 +22,7 @@ from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
 from raw2drive_ros.simulation.draws import Draw, Rng, rng_for
+from raw2drive_ros.simulation.privileged_view import PrivilegedView, Visibility
 from raw2drive_ros.simulation.renderer import CameraRenderer
 from raw2drive_ros.simulation.reward import Outcome, RewardModel
 from raw2drive_ros.simulation.route_id import RouteId
@@ -77,6 +78,7 @@ class DrivingEnv(AbstractEnv):
         self.rig: tuple[CameraCalibration, ...] = camera_rig(*self.simulation.image_size)
         self.renderer = CameraRenderer(self.rig, self.simulation.supersampling)
         self.world: World | None = None
+        self.visibility: Visibility | None = None
         self.clock_ns = CLOCK_START_NS - DECISION_NS
         self.noise_rng: Rng = np.random.default_rng(0)
         gym.Env.__init__(self)
@@ -121,6 +123,7 @@ class DrivingEnv(AbstractEnv):
         if self.simulation.cameras:
             self._new_pictures(self.world)
         self.bev = BevRenderer(self.world) if self.simulation.bev else None
+        self.view = None if self.bev is None else PrivilegedView(self.world, self.bev)
         self.clock_ns += DECISION_NS
         self.route = Route(self.clock_ns, self.world.checkpoints_m())
         self.done = False
@@ -217,10 +220,6 @@ class DrivingEnv(AbstractEnv):
     ) -> Tick:
         assert self.world is not None
         images = self.renderer.render() if self.simulation.cameras else {}
-        privileged = None
-        if self.bev is not None:
-            ego = self.world.ego
-            vector = (ego.speed, ego.steer, ego.throttle, ego.brake, ego.yaw_rate)
-            privileged = PrivilegedFrame(self.clock_ns, self.bev.render(), np.array(vector, np.float32))
+        privileged = None if self.view is None else self.view.frame(self.clock_ns, self.visibility)
         sensors = SensorFrame(self.clock_ns, images, imus[-1], odometries[-1])
         return Tick(self.clock_ns, sensors, imus, odometries, self.route, privileged, transition, info)
