@@ -11,7 +11,7 @@ import numpy as np
 
 from raw2drive_ros.contracts.errors import LayoutError
 from raw2drive_ros.contracts.public import Control, Float64
-from raw2drive_ros.simulation.actors import Actor, PathVehicle, fork_of
+from raw2drive_ros.simulation.actors import Actor, PathVehicle, Walker, fork_of
 from raw2drive_ros.simulation.courses import CourseBook
 from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
@@ -210,7 +210,7 @@ class World:
     def _renew(self) -> None:
         """Traffic that goes on for ever: add what is due out of sight, remove what has left."""
         for actor in self.actors:
-            beyond = isinstance(actor, PathVehicle) and actor.course is not None and actor.s_m > actor.ends_at_s_m
+            beyond = isinstance(actor, PathVehicle) and not actor.leaves_in_sight and actor.s_m > actor.ends_at_s_m
             if beyond and self.ego_distance_m(actor.position) > HIDDEN_M:
                 self.remove(actor)
         if self.roadside is not None:
@@ -328,6 +328,7 @@ class World:
             self._index = {id(actor): i for i, actor in enumerate(everything)}
             self.half_widths = np.array([a.WIDTH / 2 for a in everything])
             self.half_lengths = np.array([a.LENGTH / 2 for a in everything])
+            self.walks = np.array([isinstance(a, Walker) for a in everything])
         self.positions = np.array([a.position for a in everything])
         self.headings = np.array([a.heading for a in everything])
         self.speeds = np.array([a.speed for a in everything])

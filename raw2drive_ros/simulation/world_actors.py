@@ -158,7 +158,7 @@ class WorldBuilder:
         if spec.meets_ego:
             assert isinstance(spec.place, AcrossJunction)
             steered = self._meeting(spec.place.junction, path)
-        return PathVehicle(
+        car = PathVehicle(
             path,
             s_m,
             spec.speed_mps,
@@ -175,6 +175,8 @@ class WorldBuilder:
             yields=spec.yields and not spec.ignores_traffic,
             obeys_lights=spec.obeys_lights and not spec.ignores_traffic,
         )
+        car.leaves_in_sight = False
+        return car
 
     def placed(self, place: Place, then: tuple[str, ...]) -> tuple[Path, Course | None, float]:
         """(path, course, arc length on it) of a place; an on-ramp has no course."""
