@@ -197,7 +197,7 @@ def test_reasons_come_with_the_advice(written) -> None:
 
 
 def test_a_model_that_reads_everything_is_trained_saved_and_drives(written, tmp_path) -> None:
-    config = make_config('nano').model_copy(update={'model': RICH})
+    config = make_config('nano', {'warmup': 1}).model_copy(update={'model': RICH})
     bags = [load_bag(written[0], tmp_path / 'cache', RICH, cameras=False)]
     trainer = PrivilegedTrainer(config)
     replay = Replay(bags, MaskCodec(RICH), 8, 0.0, 0)
