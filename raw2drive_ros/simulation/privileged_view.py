@@ -144,49 +144,51 @@ def actor_rows(world: World, seen: SeenHistory, visibility: Visibility) -> Actor
     """(N,) rows of `ACTOR_DTYPE` in `base_link`: the actors within `ACTOR_RANGE_M`, then the lights and signs that
     govern the ego from here on. Velocities are those over ground."""
     actors, poses = world.history[0]
-    away = np.hypot(*(poses[:, :2] - world.ego_history[0][:2]).T) if actors else np.zeros(0)
-    near = np.flatnonzero(away < ACTOR_RANGE_M)
-    there = [actors[index] for index in near.tolist()]
     signals = _governing(world)
-    rows = np.zeros(len(there) + len(signals), ACTOR_DTYPE)
-    if not len(rows):
-        return rows
-    _fill_actors(rows[: len(there)], there, seen, visibility)
-    for row, (kind, index, _, box) in zip(rows[len(there) :], signals, strict=True):
-        row['class'], row['number'] = ACTOR_CLASSES.index(kind), index
-        row['length_m'], row['width_m'], row['height_m'], row['z'] = box
-        is_light = kind.startswith('light')
-        row['since_seen_s'] = visibility.light_seen_s(index) if is_light else visibility.sign_seen_s(index)
-    places = [poses[near].reshape(-1, 3), np.array([pose for _, _, pose, _ in signals]).reshape(-1, 3)]
-    _place(rows, np.concatenate(places), np.array([actor.speed for actor in there]), world.ego_history[0])
-    return rows
+    poles = np.array([pose for _, _, pose, _ in signals]).reshape(-1, 3)
+    places = _in_base(np.concatenate([poses.reshape(-1, 3), poles]), world.ego_history[0])
+    rows = [
+        _actor_row(actor, place, seen.number(actor), visibility)
+        for actor, place in zip(actors, places, strict=False)
+        if math.hypot(place[0], place[1]) < ACTOR_RANGE_M
+    ]
+    rows += [
+        _signal_row(kind, index, place, box, visibility)
+        for (kind, index, _, box), place in zip(signals, places[len(actors) :], strict=True)
+    ]
+    # A list of tuples becomes rows three times as fast as columns or fields are filled one by one.
+    return np.array(rows, ACTOR_DTYPE)
 
 
-def _fill_actors(rows: ActorRows, actors: list[Actor], seen: SeenHistory, visibility: Visibility) -> None:
-    """All but position, yaw and velocity, column by column: row by row takes three times as long."""
-    rows['class'] = [CLASS_NUMBER[actor.kind] for actor in actors]
-    rows['number'] = [seen.number(actor) for actor in actors]
-    rows['length_m'] = [actor.LENGTH for actor in actors]
-    rows['width_m'] = [actor.WIDTH for actor in actors]
-    rows['height_m'] = [actor.HEIGHT for actor in actors]
-    rows['z'] = rows['height_m'] / 2
-    rows['braking'] = [getattr(actor, 'braking', False) for actor in actors]
-    rows['indicator'] = [INDICATOR[getattr(actor, 'indicator', '')] for actor in actors]
-    rows['since_seen_s'] = [visibility.seconds_since_seen(actor) for actor in actors]
-    pixels = np.array([visibility.pixels(actor) for actor in actors]).reshape(-1, len(PIXEL_FIELDS))
-    for name, column in zip(PIXEL_FIELDS, pixels.T, strict=True):
-        rows[name] = column
-
-
-def _place(rows: ActorRows, poses: Float64, speeds: Float64, ego: tuple[float, float, float]) -> None:
-    """Fill in position and yaw from (N, 3) poses in `map`, and velocity from the (M,) speeds of the first M rows."""
+def _in_base(poses: Float64, ego: tuple[float, float, float]) -> list[list[float]]:
+    """(N, 3) poses in `map` -> x, y, yaw of each in `base_link`."""
     cos, sin = math.cos(ego[2]), math.sin(ego[2])
     dx, dy = poses[:, 0] - ego[0], poses[:, 1] - ego[1]
-    rows['x'], rows['y'] = cos * dx + sin * dy, cos * dy - sin * dx
     yaw = np.remainder(poses[:, 2] - ego[2] + math.pi, 2.0 * math.pi) - math.pi
-    rows['yaw_rad'] = yaw
-    moving = slice(len(speeds))
-    rows['vx_mps'][moving], rows['vy_mps'][moving] = speeds * np.cos(yaw[moving]), speeds * np.sin(yaw[moving])
+    found: list[list[float]] = np.stack([cos * dx + sin * dy, cos * dy - sin * dx, yaw], axis=1).tolist()
+    return found
+
+
+def _actor_row(actor: Actor, place: list[float], number: int, visibility: Visibility) -> tuple[float, ...]:
+    """In the order of `ACTOR_DTYPE`."""
+    x, y, yaw = place
+    return (
+        *(x, y, actor.HEIGHT / 2, yaw, actor.LENGTH, actor.WIDTH, actor.HEIGHT),
+        *(actor.speed * math.cos(yaw), actor.speed * math.sin(yaw), visibility.seconds_since_seen(actor), number),
+        *visibility.pixels(actor).tolist(),
+        *(CLASS_NUMBER[actor.kind], getattr(actor, 'braking', False), INDICATOR[getattr(actor, 'indicator', '')]),
+    )
+
+
+def _signal_row(
+    kind: str, index: int, place: list[float], box: tuple[float, ...], visibility: Visibility
+) -> tuple[float, ...]:
+    """In the order of `ACTOR_DTYPE`."""
+    x, y, yaw = place
+    length, width, height, z = box
+    since_s = visibility.light_seen_s(index) if kind.startswith('light') else visibility.sign_seen_s(index)
+    unseen = (0,) * len(PIXEL_FIELDS)
+    return (x, y, z, yaw, length, width, height, 0.0, 0.0, since_s, index, *unseen, ACTOR_CLASSES.index(kind), 0, 0)
 
 
 def _governing(world: World) -> list[tuple[str, int, tuple[float, float, float], tuple[float, ...]]]:
