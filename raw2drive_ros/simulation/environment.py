@@ -98,7 +98,8 @@ class DrivingEnv(AbstractEnv):
     ) -> tuple[Tick, dict[str, Any]]:
         """Start scenario `options['scenario']` (default: LaneFollowing) with `seed` (default: 0).
 
-        options may also hold `weather`, `repetition` and `twin`, see `RouteId`.
+        options may also hold `weather`, `repetition` and `twin`, see `RouteId`, and `time_limit_s`, after which the
+        drive fails; None or nothing: the scene's own, see `criteria.time_limit_s`.
 
         Raises UnknownScenarioError, UnknownWeatherError.
         """
@@ -116,7 +117,7 @@ class DrivingEnv(AbstractEnv):
         self.road = Road(self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32))
         self.controlled_vehicles = [self.world.ego]
         self.noise_rng = draw.rng
-        self.criteria = Criteria()
+        self.criteria = Criteria(chosen.get('time_limit_s'))
         self.criteria.step(self.world)
         self.rewards = RewardModel(self.world)
         if self.simulation.cameras:
@@ -133,13 +134,14 @@ class DrivingEnv(AbstractEnv):
         tick = self._tick((imu,), (odometry,), first, {})
         return tick, tick.info
 
-    def reset_to(self, route: RouteId) -> tuple[Tick, dict[str, Any]]:
-        """Start a route. Raises UnknownScenarioError, UnknownWeatherError."""
+    def reset_to(self, route: RouteId, time_limit_s: float | None = None) -> tuple[Tick, dict[str, Any]]:
+        """Start a route; time_limit_s: see `reset`. Raises UnknownScenarioError, UnknownWeatherError."""
         options = {
             'scenario': route.type,
             'weather': route.weather,
             'repetition': route.repetition,
             'twin': route.twin,
+            'time_limit_s': time_limit_s,
         }
         return self.reset(seed=route.seed, options=options)
 
