@@ -2,7 +2,8 @@
 
 An actor, light or sign counts as seen for `SEEN_WITHIN_S` after the cameras have last shown enough of it. Masks of past
 moments hold what counted as seen then: what appears now is not drawn in the past. A light keeps the colour in which it
-was last seen. Signs do not move: once seen, they stay in the signals until the ego has passed them.
+was last seen. Signs do not move: once seen, they stay in the signals until the ego has passed them. Yield signs, which
+visibility does not count, are known from `YIELD_SIGN_M` on.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from raw2drive_ros.contracts.privileged import ACTOR_DTYPE, PASSED_M, PIXEL_FIELDS, ActorRows, PrivilegedFrame
+from raw2drive_ros.contracts.privileged import ACTOR_DTYPE, PASSED_M, ActorRows, PrivilegedFrame
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.actors import Actor
 from raw2drive_ros.simulation.bev import CLASS_OF, BevRenderer
@@ -31,6 +32,8 @@ CLASS_NUMBER = {kind: ACTOR_CLASSES.index(name) for kind, name in CLASS_OF.items
 # (length, width, height, z of the centre) of the lamps of a light and the plate of a sign, as `shapes` draws them.
 LAMPS_M = (0.3, 0.76, 1.4, 3.4)
 PLATE_M = (0.06, 0.9, 0.9, 2.15)
+# Visibility does not count yield signs: as what a map holds, they are known from this distance to their line on.
+YIELD_SIGN_M = 50.0
 
 
 class Visibility(Protocol):
@@ -42,6 +45,9 @@ class Visibility(Protocol):
     def seconds_since_seen(self, actor: Actor) -> float:
         """0 while an actor is seen, inf if it never was."""
 
+    def signal_pixels(self) -> NDArray[np.integer]:
+        """(lights and stop signs, 6) pixels of `world.lights` and then of `world.stop_signs`."""
+
     def light_seen_s(self, index: int) -> float:
         """The same for `world.lights[index]`."""
 
@@ -51,7 +57,7 @@ class Visibility(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """What counted as seen at a decision tick: identities of actors, and per light its colour ('': not seen)."""
+    """What counted as seen at a decision tick: numbers of actors, and per light its colour ('': not seen)."""
 
     physics_ticks: int
     actors: frozenset[int]
@@ -60,20 +66,16 @@ class _Moment:
 
 
 class SeenHistory:
-    """A `bev.Seen`. `update` once per decision tick, after the visibility.
-
-    Identities are compared within the time of `World.history`, which keeps its actors, so none is given away meanwhile.
-    """
+    """A `bev.Seen`. `update` once per decision tick, after the visibility."""
 
     def __init__(self) -> None:
         self.moments: deque[_Moment] = deque(maxlen=HISTORY_TICKS[-1] // SUBSTEPS + 2)
-        # Of actors without a number of their own, by identity; the actor is kept, so that no other one gets it.
-        self.numbers: dict[int, tuple[Actor, int]] = {}
         self.last_colours: tuple[str, ...] = ()
         self.at: list[_Moment] = []
 
     def update(self, world: World, visibility: Visibility) -> None:
-        actors = frozenset(id(actor) for actor in world.actors if visibility.seconds_since_seen(actor) <= SEEN_WITHIN_S)
+        since_seen_s = visibility.seconds_since_seen
+        actors = frozenset(actor.number for actor in world.actors if since_seen_s(actor) <= SEEN_WITHIN_S)
         since = [visibility.light_seen_s(index) for index in range(len(world.lights))]
         before = self.last_colours or ('',) * len(since)
         self.last_colours = tuple(
@@ -87,15 +89,8 @@ class SeenHistory:
         self.moments.appendleft(_Moment(world.physics_ticks, actors, lights, signs))
         self.at = [self._before(world.physics_ticks - age) for age in HISTORY_TICKS]
 
-    def number(self, actor: Actor) -> int:
-        """The actor's own number or, where it has none, that of its first appearance."""
-        own = getattr(actor, 'number', None)
-        if own is not None:
-            return int(own)
-        return self.numbers.setdefault(id(actor), (actor, len(self.numbers)))[1]
-
     def actor(self, actor: Actor, moment: int) -> bool:
-        return id(actor) in self.at[moment].actors
+        return actor.number in self.at[moment].actors
 
     def light(self, index: int, moment: int) -> str:
         return self.at[moment].lights[index]
@@ -127,7 +122,7 @@ class PrivilegedView:
             bev,
             ego_vector(self.world),
             self.bev.render_seen(bev, self.seen),
-            actor_rows(self.world, self.seen, visibility),
+            actor_rows(self.world, visibility),
             signals_vector(self.world, self.seen, visibility),
         )
 
@@ -140,7 +135,7 @@ def ego_vector(world: World) -> NDArray[np.float32]:
     return np.array(vector, np.float32)
 
 
-def actor_rows(world: World, seen: SeenHistory, visibility: Visibility) -> ActorRows:
+def actor_rows(world: World, visibility: Visibility) -> ActorRows:
     """(N,) rows of `ACTOR_DTYPE` in `base_link`: the actors within `ACTOR_RANGE_M`, then the lights and signs that
     govern the ego from here on. Velocities are those over ground."""
     actors, poses = world.history[0]
@@ -148,12 +143,12 @@ def actor_rows(world: World, seen: SeenHistory, visibility: Visibility) -> Actor
     poles = np.array([pose for _, _, pose, _ in signals]).reshape(-1, 3)
     places = _in_base(np.concatenate([poses.reshape(-1, 3), poles]), world.ego_history[0])
     rows = [
-        _actor_row(actor, place, seen.number(actor), visibility)
+        _actor_row(actor, place, visibility)
         for actor, place in zip(actors, places, strict=False)
         if math.hypot(place[0], place[1]) < ACTOR_RANGE_M
     ]
     rows += [
-        _signal_row(kind, index, place, box, visibility)
+        _signal_row(world, kind, index, place, box, visibility)
         for (kind, index, _, box), place in zip(signals, places[len(actors) :], strict=True)
     ]
     # A list of tuples becomes rows three times as fast as columns or fields are filled one by one.
@@ -169,26 +164,27 @@ def _in_base(poses: Float64, ego: tuple[float, float, float]) -> list[list[float
     return found
 
 
-def _actor_row(actor: Actor, place: list[float], number: int, visibility: Visibility) -> tuple[float, ...]:
+def _actor_row(actor: Actor, place: list[float], visibility: Visibility) -> tuple[float, ...]:
     """In the order of `ACTOR_DTYPE`."""
     x, y, yaw = place
     return (
         *(x, y, actor.HEIGHT / 2, yaw, actor.LENGTH, actor.WIDTH, actor.HEIGHT),
-        *(actor.speed * math.cos(yaw), actor.speed * math.sin(yaw), visibility.seconds_since_seen(actor), number),
+        *(actor.speed * math.cos(yaw), actor.speed * math.sin(yaw), visibility.seconds_since_seen(actor), actor.number),
         *visibility.pixels(actor).tolist(),
         *(CLASS_NUMBER[actor.kind], getattr(actor, 'braking', False), INDICATOR[getattr(actor, 'indicator', '')]),
     )
 
 
 def _signal_row(
-    kind: str, index: int, place: list[float], box: tuple[float, ...], visibility: Visibility
+    world: World, kind: str, index: int, place: list[float], box: tuple[float, ...], visibility: Visibility
 ) -> tuple[float, ...]:
     """In the order of `ACTOR_DTYPE`."""
     x, y, yaw = place
     length, width, height, z = box
-    since_s = visibility.light_seen_s(index) if kind.startswith('light') else visibility.sign_seen_s(index)
-    unseen = (0,) * len(PIXEL_FIELDS)
-    return (x, y, z, yaw, length, width, height, 0.0, 0.0, since_s, index, *unseen, ACTOR_CLASSES.index(kind), 0, 0)
+    is_light = kind.startswith('light')
+    since_s = visibility.light_seen_s(index) if is_light else visibility.sign_seen_s(index)
+    pixels = visibility.signal_pixels()[index if is_light else len(world.lights) + index].tolist()
+    return (x, y, z, yaw, length, width, height, 0.0, 0.0, since_s, index, *pixels, ACTOR_CLASSES.index(kind), 0, 0)
 
 
 def _governing(world: World) -> list[tuple[str, int, tuple[float, float, float], tuple[float, ...]]]:
@@ -228,7 +224,18 @@ def signals_vector(world: World, seen: SeenHistory, visibility: Visibility) -> N
     ]
     if (sign := _next(world, signs)) is not None:
         values |= {'stop_sign': 1.0, 'stop_sign_distance_m': sign[0], 'stop_sign_obeyed': float(bool(sign[1]))}
+    if (give_way := _next(world, _yield_lines(world))) is not None and give_way[0] < YIELD_SIGN_M:
+        values |= {'yield_sign': 1.0, 'yield_sign_distance_m': give_way[0]}
     return np.array([values[name] for name in SIGNAL_FIELDS], np.float32)
+
+
+def _yield_lines(world: World) -> list[tuple[float, str]]:
+    """(stop line on the route, '') of the junctions at which the ego has a yield sign."""
+    return [
+        (world.ego_crossings[sign.junction].stop_s_m, '')
+        for sign in world.signs
+        if sign.kind == 'yield' and sign.arm == 'back' and sign.junction in world.ego_crossings
+    ]
 
 
 def _next(world: World, lines: list[tuple[float, str]]) -> tuple[float, str] | None:

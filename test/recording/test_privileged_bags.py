@@ -67,6 +67,9 @@ class SharpEyes:
     def seconds_since_seen(self, actor) -> float:
         return 0.0 if actor.kind == 'cyclist' else np.inf
 
+    def signal_pixels(self):
+        return np.ones((20, 6), int)
+
     def light_seen_s(self, index: int) -> float:
         return 0.0
 
