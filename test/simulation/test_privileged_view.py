@@ -96,7 +96,7 @@ def test_every_actor_in_range_is_there_with_its_box_and_its_velocity(scenario) -
     world, eyes = env.world, Eyes(0.0)
     actors, poses = world.history[0]
     before = {id(actor): actor.position.copy() for actor in actors}
-    rows = env.view.frame(0, eyes).validate().actors
+    rows = view_of(world).frame(0, eyes).validate().actors
     ego = world.ego
     near = [i for i, pose in enumerate(poses) if np.hypot(*(pose[:2] - ego.position)) < 100.0]
     assert len(rows) == len(near) + len(world.lights) + len(world.stop_signs) and near
@@ -163,7 +163,7 @@ def test_boxes_project_to_where_the_camera_shows_the_actor() -> None:
     world.add(StandingObject(x, y, yaw + 0.3, 'van'))
     world.refresh()
     changed = np.abs(env.renderer.render()['front'].astype(int) - without).max(axis=2) > 12
-    (row,) = env.view.frame(0, Eyes(0.0)).actors
+    (row,) = view_of(world).frame(0, Eyes(0.0)).actors
     camera = env.rig[0]
     half = np.array([row['length_m'], row['width_m'], row['height_m']]) / 2
     corners = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) * half
@@ -185,11 +185,12 @@ def test_boxes_project_to_where_the_camera_shows_the_actor() -> None:
 def test_who_sees_everything_has_the_masks_of_everything_and_who_sees_nothing_the_static_ones(scenario) -> None:
     env = DrivingEnv(SimulationConfig(cameras=False))
     env.reset(seed=1, options={'scenario': scenario})
-    env.visibility = Eyes(0.0)
-    blind = view_of(env.world)
+    sharp, blind, all_seen = view_of(env.world), view_of(env.world), Eyes(0.0)
+    sharp.frame(0, all_seen)
     drawn = 0
     for _ in range(30):
-        frame = env.step(Control(throttle=0.6))[0].privileged.validate()
+        env.step(Control(throttle=0.6))
+        frame = sharp.frame(0, all_seen).validate()
         # Moments of 0.25 and 0.75 s ago lie between decision ticks: what came then was not seen at the tick before.
         assert not (frame.bev_visible & ~frame.bev).any()
         for moment in (0, 2):
@@ -359,9 +360,8 @@ def test_offset_and_heading_error_are_those_from_the_route_left_positive() -> No
 
 def test_without_visibility_there_are_masks_and_the_ego_vector_alone() -> None:
     env = DrivingEnv(SimulationConfig(cameras=False))
-    env.visibility = None
     env.reset(seed=0)
-    frame = env.view.frame(5).validate()
+    frame = view_of(env.world).frame(5).validate()
     assert frame.ego.shape == (7,) and len(CHANNELS) == len(frame.bev)
     assert (frame.bev_visible, frame.actors, frame.signals) == (None, None, None)
 
