@@ -149,12 +149,16 @@ class BevRenderer:
 
     def render_seen(self, masks: NDArray[np.bool_], seen: Seen) -> NDArray[np.bool_]:
         """The masks that `render` has just returned, with only those actors, lights and signs that were seen."""
+        world = self.world
+        shown = [seen.actor(actor, moment) for actor, moment, _, _ in self.drawn]
+        if all(shown) and not world.lights and not world.stop_signs:
+            # The same array, which `tick_messages` packs once.
+            return masks
         visible = np.zeros_like(masks, dtype=np.uint8)
         visible[: len(STATIC_CHANNELS)] = masks[: len(STATIC_CHANNELS)]
-        for actor, moment, channel, polygon in self.drawn:
-            if seen.actor(actor, moment):
+        for (_, _, channel, polygon), there in zip(self.drawn, shown, strict=True):
+            if there:
                 cv2.fillConvexPoly(visible[channel], polygon, 1, cv2.LINE_8, SHIFT)
-        world = self.world
         if world.lights or world.stop_signs:
             to_pixels = _pixels_from_map(*world.ego_history[0])
             for moment in range(len(HISTORY_TICKS)):
