@@ -11,7 +11,7 @@ import numpy as np
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.lanes import ArcLane, PolyLane, blend_m
 from raw2drive_ros.simulation.layout import Junction, RoadLayout
-from raw2drive_ros.simulation.roads import ARM_TURN_RAD, SAMPLE_M, Edge, JunctionSite, Marking, Pose, advance
+from raw2drive_ros.simulation.roads import ARM_TURN_RAD, SAMPLE_M, JunctionSite, Marking, Pose, advance
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.road_builder import RoadBuilder
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 STOP_BEFORE_M = 0.6
 SQUARE_RAD = 1e-6
 # Roundabouts: free width of the ring beside its lane, flare of the arms, and where on the ring they enter and leave.
-RING_FREE_M, FLARE_M, RING_ENTRY_RAD = 0.5, 6.0, 0.5
+RING_FREE_M, FLARE_M, RING_ENTRY_RAD = 0.5, 8.0, 0.55
 SIDEWALK_M = 2.0
 
 
@@ -77,7 +77,7 @@ class JunctionBuilder:
         for arm in spec.arms:
             if arm != spec.turn:
                 self._arm(arm)
-        self._pave()
+        outline = self._pave()
         self._lines()
         edge = (f'c{index}', f'c{index + 1}')
         road.forward.append(edge)
@@ -85,7 +85,9 @@ class JunctionBuilder:
         length = road.lane(edge, 0).length
         begin = self.builder.distance_m
         road.junctions.append(
-            JunctionSite(index, self.centre[:2], self.pose[2], self.half, spec, begin, begin + length, self.inlets)
+            JunctionSite(
+                index, self.centre[:2], self.pose[2], self.half, spec, begin, begin + length, self.inlets, outline
+            )
         )
         return length
 
@@ -140,12 +142,11 @@ class JunctionBuilder:
             self.builder.parallel(out, far, length, 0.0, offset, reverse=True)
         self.builder.paint(far, length, 0.0, self.layout.forward_lanes, self.layout.forward_lanes)
 
-    def _pave(self) -> None:
-        """Surface, sidewalks, and kerb lines between neighbouring arms."""
+    def _pave(self) -> Float64:
+        """Surface, sidewalks, and kerb lines between neighbouring arms; returns the outline of the surface."""
         margin = self.layout.shoulder_m
         if self.spec.island_m:
-            self._pave_ring(margin)
-            return
+            return self._pave_ring(margin)
         order = sorted(self.inlets, key=lambda arm: math.remainder(self._bearing(arm), 2.0 * math.pi))
         outline, wide = [], []
         for arm, following in zip(order, [*order[1:], order[0]], strict=True):
@@ -155,6 +156,7 @@ class JunctionBuilder:
             self.road.markings.append(Marking('white', self._kerb(arm, following, self.half_road_m)))
         self.road.surfaces_m.append(np.concatenate(outline))
         self.road.sidewalks_m.append(np.concatenate(wide))
+        return self.road.surfaces_m[-1]
 
     def _kerb(self, arm: str, following: str, aside: float) -> Float64:
         """(N, 2) points of the kerb between two neighbouring arms, `aside` from their middles."""
@@ -168,7 +170,7 @@ class JunctionBuilder:
         a, c = np.array(start[:2]), np.array(end[:2])
         return (1 - t) ** 2 * a + 2 * (1 - t) * t * corner + t**2 * c
 
-    def _pave_ring(self, margin: float) -> None:
+    def _pave_ring(self, margin: float) -> Float64:
         outer = ring_radius_m(self.spec, self.layout) + self.width / 2 + RING_FREE_M
         angles = np.linspace(0.0, 2.0 * math.pi, 49)[:-1]
         circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -185,6 +187,7 @@ class JunctionBuilder:
         island = middle + self.spec.island_m * np.concatenate([circle, circle[:1]])
         self.road.islands_m.append(island)
         self.road.markings.append(Marking('white', island))
+        return middle + self.half * circle
 
     def _lines(self) -> None:
         """Stop lines, and dashed ones where the sign is a yield sign, on the approaches that have to wait."""
@@ -216,8 +219,3 @@ def _meet(one: Pose, other: Pose) -> Float64:
 def outline_points(lane: ArcLane, left: float, right: float) -> Float64:
     """(N, 2) polygon of a strip along a lane."""
     return np.concatenate([lane.centre_line(SAMPLE_M, left), lane.centre_line(SAMPLE_M, right)[::-1]])
-
-
-def edge_exists(graph: dict[str, dict[str, list[ArcLane]]], edge: Edge) -> bool:
-    """Whether the road network has an edge."""
-    return edge[1] in graph.get(edge[0], {})

@@ -92,9 +92,8 @@ class Path:
         every = np.arange(len(points_m))
         ahead_x, ahead_y = dx[every, index], dy[every, index]
         cos, sin = np.cos(self.headings_rad[first + index]), np.sin(self.headings_rad[first + index])
-        return self.start_s_m + (
-            first + index
-        ) * SPACING_M + ahead_x * cos + ahead_y * sin, -ahead_x * sin + ahead_y * cos
+        stations = self.start_s_m + (first + index) * SPACING_M
+        return stations + ahead_x * cos + ahead_y * sin, -ahead_x * sin + ahead_y * cos
 
     def window(self, s_m: float, ahead_m: float) -> Float64:
         """(M, 2) points from `s_m` to `s_m + ahead_m`, 1 m apart."""

@@ -20,6 +20,7 @@ from raw2drive_ros.simulation.layout import (
     RoadLayout,
     Straight,
 )
+from raw2drive_ros.simulation.road_surface import RoadSurface
 from raw2drive_ros.simulation.roads import SAMPLE_M, Edge, Marking, Pose, RoadMap, advance
 
 # Arms, and the road before and beyond the chain, are shortened step by step where they would meet other roads.
@@ -61,6 +62,7 @@ class RoadBuilder:
         self._lead('lead_out', poses[-1], lead_m[1])
         for zebra_s in self.layout.zebras_m:
             self._zebra(zebra_s)
+        self.road.surface = RoadSurface(self.road)
         return self.road
 
     def _poses(self) -> list[Pose]:

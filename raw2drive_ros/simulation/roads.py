@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from highway_env.road.road import RoadNetwork
@@ -19,6 +20,9 @@ from raw2drive_ros.simulation.layout import ARM_LENGTH_M, LEAD_M, Junction, Road
 from raw2drive_ros.simulation.path import Path
 
 ARM_TURN_RAD = {'left': math.pi / 2, 'ahead': 0.0, 'right': -math.pi / 2}
+if TYPE_CHECKING:
+    from raw2drive_ros.simulation.road_surface import RoadSurface
+
 Pose = tuple[float, float, float]
 Edge = tuple[str, str]
 # Spacing of the points of centre lines and markings.
@@ -49,7 +53,8 @@ class Marking:
 @dataclass(slots=True)
 class JunctionSite:
     """Pose and extent of a junction. piece: its index in the layout. entry_s_m, exit_s_m: along the forward chain.
-    inlets: arm -> pose of the middle of its road where it ends, heading into the junction."""
+    inlets: arm -> pose of the middle of its road where it ends, heading into the junction. outline_m: (N, 2)
+    polygon of its paved area."""
 
     piece: int
     centre_m: tuple[float, float]
@@ -59,6 +64,7 @@ class JunctionSite:
     entry_s_m: float
     exit_s_m: float
     inlets: dict[str, Pose] = field(default_factory=dict)
+    outline_m: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 @dataclass(slots=True)
@@ -82,6 +88,7 @@ class RoadMap:
     islands_m: list[Float64] = field(default_factory=list)
     markings: list[Marking] = field(default_factory=list)
     reference: Path | None = None
+    surface: RoadSurface | None = None
 
     def lane(self, edge: Edge, lane: int) -> ArcLane:
         lanes = self.network.graph[edge[0]][edge[1]]

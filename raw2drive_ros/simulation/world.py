@@ -30,6 +30,7 @@ from raw2drive_ros.simulation.scenario import (
     Scene,
     TrafficSpec,
 )
+from raw2drive_ros.simulation.scenery import place_scenery
 from raw2drive_ros.simulation.signals import Lamp
 from raw2drive_ros.simulation.world_actors import WorldBuilder
 from raw2drive_ros.tables.rates import DECISION_HZ, PHYSICS_HZ, SUBSTEPS
@@ -64,6 +65,8 @@ class World:
         self.route = route_path(self.scene, self.road)
         self.speed_limits = speed_profile(self.route, self.scene.layout.speed_limit_mps)
         self._build_detour()
+        assert self.road.surface is not None
+        self.scenery = place_scenery(self.road, self.road.surface, self.draw)
         start = self.scene.route
         along, aside, faster = (0.0,) * 3 if start_rng is None else start_rng.uniform(-1.0, 1.0, 3) * START_JITTER
         self.route_s_m, self.route_lateral_m = start.start_s_m + float(along), float(aside)
