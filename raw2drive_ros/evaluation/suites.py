@@ -15,7 +15,7 @@ import numpy as np
 from raw2drive_ros.bounds import read_json
 from raw2drive_ros.contracts.errors import UnfairScenarioError, UnknownScenarioError, UnknownSuiteError
 from raw2drive_ros.contracts.near_names import unknown_name
-from raw2drive_ros.evaluation.expert import Plan, follow, hits
+from raw2drive_ros.evaluation.oracle import Plan, follow, hits
 from raw2drive_ros.settings import params_folder
 from raw2drive_ros.simulation.actors import StandingObject, boxes_overlap, corners_m
 from raw2drive_ros.simulation.draws import TRAIN_SEED_START, VALIDATION_SEED_START, Draw
