@@ -36,8 +36,10 @@ from raw2drive_ros.evaluation.following import smooth_pedals, steer_to
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.world import World
+from raw2drive_ros.tables.rates import DECISION_HZ
 
 STEPS, LONG_DT_S = 41, 0.35
+LEAST_PUSH = 0.03
 # Largest change of the acceleration from one decision to the next, for comfort; harder braking is not limited.
 EASE_OFF_MPS2, PRESS_MPS2, HARD_MPS2 = 0.8, 0.4, -3.5
 LOOK_AHEAD_M, LOOK_AHEAD_S = 4.0, 0.6
@@ -51,6 +53,7 @@ class Expert:
         self.lanes: LaneMap | None = None
         self.current = 'route'
         self.acceleration = 0.0
+        self.push = SteeringPush()
 
     def control(self, world: World, sight: Sight) -> tuple[Control, str]:
         """The command for this decision, and its reason: a rule, and whom it is about."""
@@ -91,7 +94,25 @@ class Expert:
         world = situation.world
         ahead = situation.s + max(LOOK_AHEAD_M, LOOK_AHEAD_S * situation.speed)
         x, y, _ = world.route.pose(ahead, float(np.interp(ahead, situation.grid, option.offset)))
-        return smooth_pedals(world, acceleration, steer_to(world, x, y))
+        steer = min(max(steer_to(world, x, y) - self.push.estimate(world), -1.0), 1.0)
+        return smooth_pedals(world, acceleration, steer)
+
+
+class SteeringPush:
+    """What turns the wheels besides the ego's own commands, from its wheel angle: the actuator is of first order."""
+
+    def __init__(self) -> None:
+        self.wheel = self.deviation = 0.0
+
+    def estimate(self, world: World) -> float:
+        """Disturbance of the steering command (share of full lock) over the last decision. Call it once per decision."""
+        ego = world.ego
+        keep = math.exp(-1.0 / DECISION_HZ / ego.parameters.steer_time_constant_s)
+        self.wheel = keep * self.wheel + (1.0 - keep) * ego.command.steer
+        deviation = ego.steer - self.wheel
+        push = (deviation - keep * self.deviation) / (1.0 - keep)
+        self.deviation = deviation
+        return push if abs(push) > LEAST_PUSH else 0.0
 
 
 def _ends(route: Path) -> tuple[float, float]:

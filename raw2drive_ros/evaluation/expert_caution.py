@@ -23,6 +23,8 @@ FACING_COS = 0.5
 ASIDE_M = 5.0
 SEEN_EARLY_M = {True: 0.2, False: 0.6}
 TALL_M = 1.9
+# Speed between cones, which grows with the clearance.
+NARROW_MPS, NARROW_M = 3.5, 1.1
 APPROACH_MPS2 = 2.5
 
 
@@ -50,6 +52,9 @@ def speed_caps(situation: Situation, offsets: Float64) -> Float64:
             speed = _speed((clear + early) / STEP_OUT_MPS, LEAST_HIDDEN_MPS)
             far = s + float(view.half_s[i, 0])
             _apply(caps, grid, speed, clear, far - HALF_LENGTH_M - 2.0, far + 0.5)
+        elif track.fixed:
+            half_s = float(view.half_s[i, 0])
+            _apply(caps, grid, NARROW_MPS + 4.0 * clear, clear, s - half_s - HALF_LENGTH_M, s + half_s, NARROW_M)
     return _approached(caps, grid)
 
 
@@ -61,12 +66,12 @@ def _faces_road(turned_rad: float, d_m: float) -> bool:
     return math.sin(turned_rad) * math.copysign(1.0, -d_m) > FACING_COS
 
 
-def _apply(caps: Float64, grid: Float64, speed: Float64, clear: Float64, begin_m: float, end_m: float) -> None:
+def _apply(caps: Float64, grid: Float64, speed: Float64, clear: Float64, begin_m: float, end_m: float, within_m: float = ASIDE_M) -> None:
     """Cap the options that pass on the side (clear > 0); in the way it is no question of caution."""
     low, high = np.searchsorted(grid, (begin_m, end_m))
     if high <= low:
         return
-    for row in np.flatnonzero((clear > 0.0) & (clear < ASIDE_M)).tolist():
+    for row in np.flatnonzero((clear > 0.0) & (clear < within_m)).tolist():
         caps[row, low:high] = np.minimum(caps[row, low:high], speed[row])
 
 

@@ -17,8 +17,10 @@ from raw2drive_ros.evaluation.expert_situation import Situation
 
 COLLISION, CLOSE, IMPOSED, HARSH = 400.0, 28.0, 14.0, 0.5
 # Of the others' boxes: to the front and back per m/s, and to the sides.
-LONGER_S, LONGER_M, WIDER_M, WIDER_SOFT_M, TOUCH_M = 0.45, 0.4, 0.25, 0.6, 0.12
+LONGER_S, LONGER_M, WIDER_M, WIDER_SOFT_M, TOUCH_M = 0.6, 0.4, 0.25, 0.6, 0.12
 ACROSS_SIN = 0.3
+# To pass closely in front of or behind somebody who crosses is worse than to pass closely beside somebody.
+CROSSING_FACTOR = 3.0
 IMPOSED_FREE_MPS2 = 2.0
 HARSH_MPS2 = 2.6
 # A feared hypothesis counts when stopping for it takes more than this.
@@ -108,7 +110,7 @@ def contacts(situation: Situation, driven: Rollouts) -> tuple[NDArray[np.bool_],
     longer = np.where(crossing, LONGER_M + LONGER_S * speed, LONGER_M) * (speed > STANDING_MPS)
     hit[pairs] = _overlap(along, across, relative, half_length + TOUCH_M, half_width + TOUCH_M)
     pace = np.minimum(driven.speed[plan, time] / 4.0, 1.0)
-    near[pairs] = pace * _overlap(along, across, relative, half_length + longer, half_width + wider)
+    near[pairs] = pace * np.where(crossing, CROSSING_FACTOR, 1.0) * _overlap(along, across, relative, half_length + longer, half_width + wider)
     return hit, near
 
 

@@ -31,6 +31,9 @@ KEEP_FOR_M = (20.0, 45.0, 80.0)
 WALL_SHORT_M = 4.0
 EMERGENCY_BEHIND_M = 70.0
 NEAR_SIDE_M = 1.3
+IN_THE_WAY_COST = 30.0
+# The route is lost where the own lane is farther from it than this many lanes.
+LOST_LANES = 1.3
 
 
 @dataclass(slots=True)
@@ -56,12 +59,14 @@ def options(situation: Situation, blocked: list[Zone]) -> list[Option]:
     if blocked:
         found += _past(situation, blocked[0])
     hurried = _emergency_behind(situation)
-    if blocked or hurried or _slow_leader(situation):
+    if blocked or hurried is not None or _slow_leader(situation):
         for side, name in ((1, 'left'), (-1, 'right')):
-            found += _lane_beside(situation, side, name, hurried=hurried)
+            found += _lane_beside(situation, side, name, hurried=hurried is not None)
     found += _small_shifts(situation)
     for option in found:
         _hold(situation, option, blocked)
+        if hurried is not None and abs(float(np.interp(situation.s + 35.0, situation.grid, option.offset)) - hurried) < 2.2:
+            option.cost += IN_THE_WAY_COST
     return found
 
 
@@ -99,10 +104,13 @@ def _own_lane(situation: Situation, own: tuple[Float64, float] | None) -> list[O
     ahead = (situation.grid > situation.s) & (situation.grid < situation.s + 110.0)
     if np.abs(profile[ahead]).max() < ANOTHER_LANE_M:
         return []
+    lost = ahead & (np.abs(profile) > LOST_LANES * situation.lanes.width_m)
+    if lost.any():
+        ends = min(ends, float(situation.grid[lost][0]))
     stay = blend(situation, profile, shift_m(situation, situation.d - float(np.interp(situation.s, situation.grid, profile))))
     found = []
     if ends > situation.front_m + 2.0:
-        found.append(Option('keep', stay, ends - WALL_SHORT_M, 'end of the lane', cost=3.0))
+        found.append(Option('keep', stay, ends - WALL_SHORT_M, 'end of the lane', cost=10.0))
     for metres in KEEP_FOR_M:
         start = situation.s + metres
         over = max(18.0, 2.4 * situation.speed)
@@ -116,7 +124,7 @@ def _own_lane(situation: Situation, own: tuple[Float64, float] | None) -> list[O
                 later(stay, np.zeros_like(stay), situation.grid, start, over),
                 ends - WALL_SHORT_M if start > ends - WALL_SHORT_M else math.inf,
                 'end of the lane',
-                cost=0.5,
+                cost=2.0 + 0.06 * metres,
             )
         )
     return found
@@ -184,15 +192,16 @@ def _lane_beside(situation: Situation, side: int, name: str, *, hurried: bool) -
     return [Option(name, moved, ends - WALL_SHORT_M, 'end of the lane', cost=(0.0 if hurried else 5.0) * away)]
 
 
-def _emergency_behind(situation: Situation) -> bool:
+def _emergency_behind(situation: Situation) -> float | None:
+    """Lateral offset from the route of an emergency vehicle that comes from behind, or None."""
     view = situation.forecast
     for i, h in enumerate(view.hypotheses):
         if h.track.kind != 'emergency' or h.track.fixed:
             continue
         behind = situation.s - float(view.s[i, 0])
         if 0.0 < behind < EMERGENCY_BEHIND_M and abs(float(view.d[i, 0]) - situation.d) < 6.0:
-            return True
-    return False
+            return float(view.d[i, 0])
+    return None
 
 
 def _slow_leader(situation: Situation) -> bool:
@@ -216,7 +225,7 @@ def _small_shifts(situation: Situation) -> list[Option]:
     view = situation.forecast
     ahead = (view.s > situation.s - 3.0) & (view.s < situation.s + 50.0)
     gap = np.abs(view.d) - view.half_d - HALF_WIDTH_M
-    near = ahead & (gap < NEAR_SIDE_M) & (np.abs(np.sin(view.turned)) < 0.9)
+    near = ahead & (gap < NEAR_SIDE_M) & ((np.abs(np.sin(view.turned)) < 0.5) | (view.speed < 0.5))
     if not near.any():
         return []
     room = situation.lanes.width_m / 2 - HALF_WIDTH_M

@@ -30,6 +30,8 @@ STOPS_WITH_MPS2, SURE_MPS2 = 4.0, 2.5
 REACH_MARGIN_M = 25.0
 INDICATES_DRIFT_S = 3.0
 TURN_SPEED_MPS = 7.0
+# Cars that turn indicate it from this distance on; one that is slower than this so close before a junction may turn.
+INDICATES_M, SLOW_BEFORE_M, SLOW_MPS = 40.0, 15.0, 4.5
 
 
 @dataclass(slots=True)
@@ -92,8 +94,9 @@ def _on_lanes(
     found: list[Hypothesis] = []
     reach = track.speed * horizon_s + REACH_MARGIN_M
     for place in where:
-        for way in lanes.continuations(place.lane, reach):
-            weight = _weight(track, place, way, alone=len(where) == 1)
+        ways = lanes.continuations(place.lane, reach)
+        for way in ways:
+            weight = _weight(track, place, way, ways, alone=len(where) == 1)
             if weight <= 0.0:
                 continue
             hypothesis = Hypothesis(track, weight, way.path, place.s_m, place.lateral_m, offsets=way.offsets_m)
@@ -110,7 +113,7 @@ def _on_lanes(
     return sorted(found, key=lambda h: -h.weight)
 
 
-def _weight(track: Track, place: Place, way: Continuation, *, alone: bool) -> float:
+def _weight(track: Track, place: Place, way: Continuation, ways: list[Continuation], *, alone: bool) -> float:
     """Likelihood of one way on, by indicator, heading and whether it goes straight on."""
     weight = 1.0 if alone else math.exp(-((place.lateral_m / 0.6) ** 2) - (place.error_rad / 0.15) ** 2)
     ahead = [c for c in way.crossings if c[2] > place.s_m]
@@ -121,9 +124,14 @@ def _weight(track: Track, place: Place, way: Continuation, *, alone: bool) -> fl
     wanted = track.indicator or 'ahead'
     if turn == wanted:
         return weight
-    if track.indicator and left_m < 40.0:
+    if track.indicator and left_m < INDICATES_M:
         return 0.0
-    return 0.1 * weight if turn != 'ahead' else 0.3 * weight
+    if turn == 'ahead':
+        return 0.3 * weight
+    # Without an indicator a turn is unlikely, but where the road does not go straight on or the car slows down for it.
+    straight = any(other.crossings and other.crossings[0][3] == 'ahead' for other in ways)
+    slows = left_m < SLOW_BEFORE_M and track.speed < SLOW_MPS
+    return weight if not straight else 0.1 * weight if slows else 0.0
 
 
 def _drift(hypothesis: Hypothesis, place: Place, lanes: LaneMap) -> None:

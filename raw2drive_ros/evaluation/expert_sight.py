@@ -13,7 +13,7 @@ from raw2drive_ros.simulation.world import World
 
 RANGE_M = {'walker': 45.0, 'cyclist': 45.0, 'cone': 35.0, 'door': 35.0}
 FAR_M = 75.0
-TALL_M = 1.4
+TALL_M = 1.6
 
 
 class GeometricSight:
