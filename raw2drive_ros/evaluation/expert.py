@@ -27,7 +27,9 @@ from raw2drive_ros.evaluation.expert_situation import (
     BEHIND_M,
     GRID_BEHIND_M,
     GRID_M,
+    HALF_LENGTH_M,
     Situation,
+    Zone,
     limits_on,
     own_state,
     zones,
@@ -40,6 +42,8 @@ from raw2drive_ros.tables.rates import DECISION_HZ
 
 STEPS, LONG_DT_S = 41, 0.35
 LEAST_PUSH = 0.03
+# Standing closer behind an obstacle than this for so long, the ego reverses if nobody is this close behind it.
+ROOM_M, STUCK_TICKS, REAR_M, REVERSE_MPS = 7.2, 10, 7.0, 1.2
 # Largest change of the acceleration from one decision to the next, for comfort; harder braking is not limited.
 EASE_OFF_MPS2, PRESS_MPS2, HARD_MPS2 = 0.8, 0.4, -3.5
 LOOK_AHEAD_M, LOOK_AHEAD_S = 4.0, 0.6
@@ -54,6 +58,7 @@ class Expert:
         self.current = 'route'
         self.acceleration = 0.0
         self.push = SteeringPush()
+        self.backing, self.stuck_ticks = False, 0
 
     def control(self, world: World, sight: Sight) -> tuple[Control, str]:
         """The command for this decision, and its reason: a rule, and whom it is about."""
@@ -61,7 +66,7 @@ class Expert:
             self.lanes = LaneMap(world)
             self.limits = limits_on(world, np.arange(*_ends(world.route), GRID_M))
         self.belief.update(world, sight)
-        situation = self._situation(world, self.lanes, long=self.current.startswith('pass'))
+        situation = self._situation(world, self.lanes, long=self.current == 'pass')
         blocked = zones(situation)
         found = options(situation, blocked)
         if any(option.oncoming for option in found) and situation.forecast.times_s[1] == DT_S:
@@ -70,11 +75,13 @@ class Expert:
         driven = roll_out(situation, found, chosen, self.acceleration)
         verdict = judge(situation, found, chosen, driven, self.current)
         best = int(verdict.score.argmax())
-        self.current = found[chosen[best].option].name
+        self.current = found[chosen[best].option].family
         wanted = float(driven.acceleration[best, 0])
         if wanted > HARD_MPS2:
             wanted = min(max(wanted, self.acceleration - EASE_OFF_MPS2), max(self.acceleration, 0.0) + PRESS_MPS2)
         self.acceleration = wanted
+        if self._backs_up(situation, blocked, found, float(driven.s[best, -1])):
+            return self._reverse(world), f'make room before {blocked[0].name}'
         control = self._command(situation, found[chosen[best].option], self.acceleration)
         return control, reason(situation, found, chosen, driven, verdict, best)
 
@@ -88,6 +95,28 @@ class Expert:
         start = _ends(world.route)[0]
         index = np.minimum(np.maximum(np.rint((grid - start) / GRID_M).astype(np.int64), 0), len(self.limits) - 1)
         return Situation(world, lanes, self.belief, rules, frame, s, d, slope, speed, grid, self.limits[index], view)
+
+    def _backs_up(self, situation: Situation, blocked: list[Zone], found: list[Option], until_m: float) -> bool:
+        """Whether the ego stands too close behind an obstacle to steer out, and has room to reverse."""
+        ways = any(option.family == 'pass' for option in found)
+        room = blocked[0].begin_m - situation.front_m if blocked else math.inf
+        stuck = ways and room < ROOM_M and until_m - situation.s < 1.5 and situation.speed < 0.3
+        going_on = self.backing and room < ROOM_M + 1.5
+        view = situation.forecast
+        rear = situation.s - HALF_LENGTH_M
+        behind = (np.abs(view.d[:, :10] - situation.d) < 2.2) & (view.s[:, :10] + view.half_s[:, :10] > rear - REAR_M)
+        behind &= view.s[:, :10] < situation.s
+        self.stuck_ticks = self.stuck_ticks + 1 if stuck else 0
+        self.backing = (going_on or self.stuck_ticks > STUCK_TICKS) and not bool(behind.any())
+        return self.backing
+
+    def _reverse(self, world: World) -> Control:
+        """Slowly backwards."""
+        self.acceleration = 0.0
+        speed = float(world.ego.speed)
+        if speed > 0.2:
+            return Control(0.0, 0.5, 0.0)
+        return Control(0.25 if speed > -REVERSE_MPS else 0.05, 0.0, 0.0, reverse=True)
 
     def _command(self, situation: Situation, option: Option, acceleration: float) -> Control:
         """Pedals for the acceleration, pure pursuit along the option."""

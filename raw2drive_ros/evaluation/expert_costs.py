@@ -28,7 +28,8 @@ FEARED_MPS2 = 3.2
 STANDING_MPS = 0.3
 NEAR_M = 9.0
 OFFSET_COST = 0.25
-SWITCH_COST = 1.5
+# To change one's mind, and to do so between two lanes.
+SWITCH_COST, SWITCH_BETWEEN_COST, BETWEEN_M = 2.0, 6.0, 0.7
 
 Ints = NDArray[np.int64]
 
@@ -46,7 +47,7 @@ class Verdict:
 def judge(
     situation: Situation, found: list[Option], chosen: list[Plan], driven: Rollouts, current: str
 ) -> Verdict:
-    """The worth of every plan. current: name of the option that the ego is following."""
+    """The worth of every plan. current: family of the option that the ego is following."""
     view = situation.forecast
     horizon = float(view.times_s[-1])
     progress = driven.s[:, -1] - situation.s + 0.6 * driven.speed[:, -1]
@@ -61,7 +62,9 @@ def judge(
         cost += IMPOSED * np.maximum(driven.imposed - IMPOSED_FREE_MPS2, 0.0) * np.minimum(counted * 2.0, 1.0)
     step_s = float(view.times_s[1])
     harsh = HARSH * (np.maximum(-driven.acceleration - HARSH_MPS2, 0.0) ** 2).sum(axis=1) * step_s
-    own = np.array([found[plan.option].cost + SWITCH_COST * (found[plan.option].name != current) for plan in chosen])
+    between = abs(situation.d - situation.lanes.width_m * round(situation.d / situation.lanes.width_m)) > BETWEEN_M
+    switch = SWITCH_BETWEEN_COST if between else SWITCH_COST
+    own = np.array([found[plan.option].cost + switch * (found[plan.option].family != current) for plan in chosen])
     own += OFFSET_COST * np.abs(driven.d).mean(axis=1)
     score = progress - harsh - own - (cost.max(axis=1) + 0.1 * cost.sum(axis=1) if cost.size else 0.0)
     peak = cost.max(axis=1) if cost.size else np.zeros(len(chosen))

@@ -49,6 +49,11 @@ class Option:
     oncoming: bool = False
     begins_m: float = -math.inf
 
+    @property
+    def family(self) -> str:
+        """Options of one family are the same intention."""
+        return 'route' if self.name.startswith('aside') else self.name.split()[0]
+
 
 def options(situation: Situation, blocked: list[Zone]) -> list[Option]:
     """The route itself first, then what else the road and the situation offer."""
@@ -223,6 +228,8 @@ def _slow_leader(situation: Situation) -> bool:
 def _small_shifts(situation: Situation) -> list[Option]:
     """A little to the left or right within the lane, where something is close to the ego's way."""
     view = situation.forecast
+    if abs(situation.d) > ANOTHER_LANE_M + 0.7:
+        return []
     ahead = (view.s > situation.s - 3.0) & (view.s < situation.s + 50.0)
     gap = np.abs(view.d) - view.half_d - HALF_WIDTH_M
     near = ahead & (gap < NEAR_SIDE_M) & ((np.abs(np.sin(view.turned)) < 0.5) | (view.speed < 0.5))

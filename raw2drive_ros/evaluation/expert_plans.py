@@ -154,7 +154,7 @@ class _Rollout:
             low, high = self.offset[self.rows, index], self.offset[self.rows, index + 1]
             d = low + part * (high - low)
             out.s[:, k], out.d[:, k], out.slope[:, k], out.speed[:, k] = s, d, (high - low) / GRID_M, v
-            wanted, leader, kind = self._acceleration(k, s, v, index)
+            wanted, leader, kind = self._acceleration(k, s, v, d, index)
             if k == 0:
                 out.first, out.leader = kind, leader
             a = self._limited(wanted, a)
@@ -165,7 +165,9 @@ class _Rollout:
             s, v = s + 0.5 * (v + new) * dt, new
         return out
 
-    def _acceleration(self, k: int, s: Float64, v: Float64, index: Ints) -> tuple[Float64, Ints, Ints]:
+    def _acceleration(
+        self, k: int, s: Float64, v: Float64, d: Float64, index: Ints
+    ) -> tuple[Float64, Ints, Ints]:
         """(wanted acceleration, leader, what limits it)."""
         ahead = np.minimum(index + 1 + (0.4 * v).astype(np.int64), self.wanted.shape[1] - 1)
         target = self.wanted[self.rows, ahead]
@@ -182,7 +184,10 @@ class _Rollout:
             desired = GAP_M + np.maximum(
                 v * TIME_GAP_S + v * closing / (2.0 * np.sqrt(COMFORT_MPS2 * IDM_BRAKING_MPS2)), 0.0
             )
-            follow = np.maximum(COMFORT_MPS2 * (1.0 - (desired / room) ** 2), LEAST_MPS2)
+            view = self.situation.forecast
+            # Behind somebody in the next lane it opens a gap gently, as it is not in that lane yet.
+            beside = np.abs(view.d[leader, k] - d) < view.half_d[leader, k] + HALF_WIDTH_M + 0.1
+            follow = np.maximum(COMFORT_MPS2 * (1.0 - (desired / room) ** 2), np.where(beside, LEAST_MPS2, SLOWS_MPS2))
             kind = np.where(follow < wanted, LEADER, kind)
             wanted = np.minimum(wanted, follow)
         room = self.stop - front
