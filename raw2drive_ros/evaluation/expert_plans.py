@@ -28,6 +28,7 @@ STOP_MPS2 = 2.0
 JERK_UP_MPS3, JERK_DOWN_MPS3 = 4.5, 9.0
 TIME_GAP_S, GAP_M, IDM_BRAKING_MPS2 = 0.9, 2.6, 3.0
 FOLLOW_MARGIN_M = 0.3
+MERGE_GAP_S, OPENS_MPS2 = 0.4, -1.5
 ALIGNED_COS = 0.7
 SLOW_MPS = 0.5
 FOLLOWER_BRAKES_MPS2 = 4.0
@@ -181,13 +182,15 @@ class _Rollout:
             leader = gap.argmin(axis=1)
             room = np.maximum(gap[self.rows, leader], 0.1)
             closing = v - np.maximum(self.along[leader, k], 0.0)
-            desired = GAP_M + np.maximum(
-                v * TIME_GAP_S + v * closing / (2.0 * np.sqrt(COMFORT_MPS2 * IDM_BRAKING_MPS2)), 0.0
-            )
             view = self.situation.forecast
-            # Behind somebody in the next lane it opens a gap gently, as it is not in that lane yet.
             beside = np.abs(view.d[leader, k] - d) < view.half_d[leader, k] + HALF_WIDTH_M + 0.1
-            follow = np.maximum(COMFORT_MPS2 * (1.0 - (desired / room) ** 2), np.where(beside, LEAST_MPS2, SLOWS_MPS2))
+            # On the way into the next lane a smaller gap will do, and it is opened gently.
+            headway = np.where(beside, TIME_GAP_S, MERGE_GAP_S)
+            desired = GAP_M + np.maximum(
+                v * headway + v * closing / (2.0 * np.sqrt(COMFORT_MPS2 * IDM_BRAKING_MPS2)), 0.0
+            )
+            floor = np.where((closing < 0.5) & (room > 1.5), OPENS_MPS2, np.where(beside, LEAST_MPS2, SLOWS_MPS2))
+            follow = np.maximum(COMFORT_MPS2 * (1.0 - (desired / room) ** 2), floor)
             kind = np.where(follow < wanted, LEADER, kind)
             wanted = np.minimum(wanted, follow)
         room = self.stop - front
