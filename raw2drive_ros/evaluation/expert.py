@@ -40,7 +40,7 @@ from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ
 
-STEPS, LONG_DT_S = 41, 0.35
+STEPS, LONG_DT_S = 33, 0.4
 LEAST_PUSH = 0.03
 # Standing closer behind an obstacle than this for so long, the ego reverses if nobody is this close behind it.
 ROOM_M, STUCK_TICKS, REAR_M, REVERSE_MPS = 7.2, 10, 7.0, 1.2
@@ -90,7 +90,8 @@ class Expert:
         s, d, slope, speed = own_state(world, frame)
         rules = right_of_way(world, lanes, self.belief, world.front_s_m)
         times = (LONG_DT_S if long else DT_S) * np.arange(STEPS)
-        view = forecast(hypotheses(self.belief, lanes, rules, float(times[-1])), frame, times)
+        ego = float(world.ego.position[0]), float(world.ego.position[1])
+        view = forecast(hypotheses(self.belief, lanes, rules, float(times[-1]), ego), frame, times)
         grid = math.floor(s) - GRID_BEHIND_M + GRID_M * np.arange(round((GRID_BEHIND_M + AHEAD_M) / GRID_M))
         start = _ends(world.route)[0]
         index = np.minimum(np.maximum(np.rint((grid - start) / GRID_M).astype(np.int64), 0), len(self.limits) - 1)

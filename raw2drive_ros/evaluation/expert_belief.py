@@ -10,9 +10,6 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-import numpy as np
-
-from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.world import World
 
 MEMORY_S = 2.0
@@ -109,10 +106,6 @@ class Belief:
         if number is None:
             return self.numbers.setdefault(id(actor), len(self.numbers))
         return int(number)
-
-    def poses(self) -> Float64:
-        """(N, 3) x, y, yaw of the tracks, in their order."""
-        return np.array([(t.x, t.y, t.yaw) for t in self.tracks.values()]).reshape(-1, 3)
 
 
 def _seen(actor: Any, number: int, time_s: float) -> Track:

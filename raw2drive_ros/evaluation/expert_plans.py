@@ -31,7 +31,7 @@ FOLLOW_MARGIN_M = 0.3
 MERGE_GAP_S, OPENS_MPS2 = 0.4, -1.5
 ALIGNED_COS = 0.7
 SLOW_MPS = 0.5
-FOLLOWER_BRAKES_MPS2 = 4.0
+FOLLOWER_BRAKES_MPS2, BEHIND_SEEN_M = 4.0, 50.0
 FREE, LEADER, STOP, CAP = 0, 1, 2, 3
 
 Ints = NDArray[np.int64]
@@ -125,21 +125,29 @@ class _Rollout:
         along = view.speed * np.cos(view.turned)
         follows = (np.cos(view.turned) > ALIGNED_COS) | (view.speed < SLOW_MPS)
         likely = view.weight[:, None] > 0.4
-        self.leads = beside & (follows & likely)[None]
-        self.rear = view.s - view.half_s
-        self.nose = view.s + view.half_s
-        self.along = along
+        leads = beside & (follows & likely)[None]
+        # Only those who lead on any plan, and those who may come from behind, matter in the loop over time.
+        self.leaders = np.flatnonzero(leads.any(axis=(0, 2)))
+        self.leads = np.ascontiguousarray(leads[:, self.leaders].transpose(2, 0, 1))
+        self.rear = (view.s - view.half_s)[self.leaders]
+        self.along = np.maximum(along[self.leaders], 0.0)
+        self.leader_d, self.leader_half = view.d[self.leaders], view.half_d[self.leaders] + HALF_WIDTH_M + 0.1
         aligned = (np.cos(view.turned) > ALIGNED_COS) & (view.speed > SLOW_MPS)
         behind = view.s[:, 0] < situation.s
         mine = np.abs(view.d[:, 0] - situation.d) < view.half_d[:, 0] + HALF_WIDTH_M
-        self.may_follow = aligned & behind[:, None]
-        self.was_mine = mine & behind & aligned[:, 0]
+        behind &= view.s[:, 0] > situation.s - BEHIND_SEEN_M
+        self.behind = np.flatnonzero(aligned.any(axis=1) & behind)
+        self.may_follow = aligned[self.behind]
+        self.was_mine = (mine & aligned[:, 0])[self.behind]
+        self.nose = (view.s + view.half_s)[self.behind]
+        self.behind_d, self.behind_half = view.d[self.behind], view.half_d[self.behind] + HALF_WIDTH_M + 0.1
+        self.behind_speed = view.speed[self.behind]
 
     def run(self) -> Rollouts:
         view, situation = self.situation.forecast, self.situation
         count, actors, steps = len(self.rows), len(view.weight), len(view.times_s)
         s, v, a = np.full(count, situation.s), np.full(count, situation.speed), self.before
-        lag, slower = np.zeros((count, actors)), np.zeros((count, actors))
+        lag, slower = (np.zeros((count, len(self.behind))) for _ in range(2))
         out = Rollouts(
             *(np.empty((count, steps)) for _ in range(5)),
             lag=np.zeros((count, actors, steps)),
@@ -147,7 +155,7 @@ class _Rollout:
             first=np.zeros(count, np.int64),
             leader=np.full(count, -1),
         )
-        dt, watch = self.step_s, bool(self.may_follow.any())
+        dt, watch = self.step_s, bool(len(self.behind))
         for k in range(steps):
             where = (s - situation.grid[0]) / GRID_M
             index = np.minimum(where.astype(np.int64), len(situation.grid) - 2)
@@ -177,13 +185,13 @@ class _Rollout:
         front = s + HALF_LENGTH_M
         wanted, leader = free, np.full(len(s), -1)
         if self.rear.size:
-            gap = np.where(self.leads[:, :, k], self.rear[None, :, k] - front[:, None], np.inf)
+            gap = np.where(self.leads[k], self.rear[None, :, k] - front[:, None], np.inf)
             gap[gap < -2.0] = np.inf
-            leader = gap.argmin(axis=1)
-            room = np.maximum(gap[self.rows, leader], 0.1)
-            closing = v - np.maximum(self.along[leader, k], 0.0)
-            view = self.situation.forecast
-            beside = np.abs(view.d[leader, k] - d) < view.half_d[leader, k] + HALF_WIDTH_M + 0.1
+            nearest = gap.argmin(axis=1)
+            leader = self.leaders[nearest]
+            room = np.maximum(gap[self.rows, nearest], 0.1)
+            closing = v - self.along[nearest, k]
+            beside = np.abs(self.leader_d[nearest, k] - d) < self.leader_half[nearest, k]
             # On the way into the next lane a smaller gap will do, and it is opened gently.
             headway = np.where(beside, TIME_GAP_S, MERGE_GAP_S)
             desired = GAP_M + np.maximum(
@@ -214,17 +222,16 @@ class _Rollout:
         self, k: int, s: Float64, v: Float64, d: Float64, lag: Float64, slower: Float64, out: Rollouts
     ) -> tuple[Float64, Float64]:
         """Whoever comes from behind brakes for an ego that is in its lane."""
-        view = self.situation.forecast
-        out.lag[:, :, k] = lag
-        beside = np.abs(view.d[None, :, k] - d[:, None]) < view.half_d[None, :, k] + HALF_WIDTH_M + 0.1
+        out.lag[:, self.behind, k] = lag
+        beside = np.abs(self.behind_d[None, :, k] - d[:, None]) < self.behind_half[None, :, k]
         gap = s[:, None] - HALF_LENGTH_M - (self.nose[None, :, k] - lag)
-        speed = np.maximum(view.speed[None, :, k] - slower, 0.0)
+        speed = np.maximum(self.behind_speed[None, :, k] - slower, 0.0)
         closing = np.maximum(speed - v[:, None], 0.0)
         concerned = beside & self.may_follow[None, :, k] & (gap > -1.0)
         room = np.maximum(gap - 1.0 - 0.3 * closing, 0.3)
         needed = np.where(concerned, closing**2 / (2.0 * room) + 3.0 * np.maximum(1.0 - gap / 2.0, 0.0), 0.0)
         needed[:, self.was_mine] *= 0.0 if k < 1 else 0.5
-        np.maximum(out.imposed, needed, out=out.imposed)
+        out.imposed[:, self.behind] = np.maximum(out.imposed[:, self.behind], needed)
         braking = np.where(needed > 1.0, np.minimum(1.3 * needed, FOLLOWER_BRAKES_MPS2), 0.0)
-        slower = np.minimum(slower + braking * self.step_s, view.speed[None, :, k])
+        slower = np.minimum(slower + braking * self.step_s, self.behind_speed[None, :, k])
         return lag + slower * self.step_s, slower

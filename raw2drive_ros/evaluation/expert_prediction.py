@@ -18,7 +18,7 @@ from raw2drive_ros.evaluation.expert_map import Continuation, LaneMap, Place, Ro
 from raw2drive_ros.evaluation.expert_rules import RightOfWay
 from raw2drive_ros.simulation.path import Path
 
-DT_S = 0.2
+DT_S = 0.25
 # A hypothesis below this weight is only feared: it counts once it is nearly too late to stop for it.
 LIKELY = 0.5
 IDM_ACCELERATION_MPS2, IDM_BRAKING_MPS2, IDM_TIME_GAP_S, IDM_GAP_M = 2.0, 3.0, 1.0, 2.5
@@ -30,6 +30,7 @@ STOPS_WITH_MPS2, SURE_MPS2 = 4.0, 2.5
 REACH_MARGIN_M = 25.0
 INDICATES_DRIFT_S = 3.0
 TURN_SPEED_MPS = 7.0
+WATCHED_M, WATCHED_STANDING_M = 110.0, 85.0
 # Cars that turn indicate it from this distance on; one that is slower than this so close before a junction may turn.
 INDICATES_M, SLOW_BEFORE_M, SLOW_MPS = 40.0, 15.0, 4.5
 
@@ -74,10 +75,12 @@ class Forecast:
     weight: Float64
 
 
-def hypotheses(belief: Belief, lanes: LaneMap, rules: RightOfWay, horizon_s: float) -> list[Hypothesis]:
-    """All hypotheses about all tracks; the first one of each track is the likeliest."""
-    tracks = list(belief.tracks.values())
-    places = lanes.places(belief.poses())
+def hypotheses(
+    belief: Belief, lanes: LaneMap, rules: RightOfWay, horizon_s: float, ego_xy: tuple[float, float]
+) -> list[Hypothesis]:
+    """All hypotheses about all tracks near the ego; the first one of each track is the likeliest."""
+    tracks = [t for t in belief.tracks.values() if math.hypot(t.x - ego_xy[0], t.y - ego_xy[1]) < _watched_m(t)]
+    places = lanes.places(np.array([(t.x, t.y, t.yaw) for t in tracks]).reshape(-1, 3))
     found: list[Hypothesis] = []
     for track, where in zip(tracks, places, strict=True):
         if track.fixed or track.kind == 'walker' or not where:
@@ -86,6 +89,11 @@ def hypotheses(belief: Belief, lanes: LaneMap, rules: RightOfWay, horizon_s: flo
         found += _on_lanes(track, where, lanes, rules, horizon_s)
     _find_leaders(found, {t.number: w for t, w in zip(tracks, places, strict=True)})
     return found
+
+
+def _watched_m(track: Track) -> float:
+    """Distance (m) within which a track can matter in the next seconds."""
+    return WATCHED_STANDING_M if track.fixed or track.kind == 'walker' else WATCHED_M
 
 
 def _on_lanes(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from raw2drive_ros.evaluation.expert_belief import Belief
 from raw2drive_ros.evaluation.expert_map import TURN_RAD, LaneMap
+from raw2drive_ros.simulation.right_of_way import main_arms
 from raw2drive_ros.simulation.world import World
 
 # A light or sign belongs to the junction that begins within this distance of its line.
@@ -55,5 +56,6 @@ def right_of_way(world: World, lanes: LaneMap, belief: Belief, front_s_m: float)
             control = 'stop'
     sites = world.road.junctions
     spec = sites[junction].spec if junction < len(sites) else None
-    first = getattr(spec, 'priority', None) == 'chain' and control == ''
+    # The ego comes along the chain: from arm `back`.
+    first = control == '' and 'back' in main_arms(spec)
     return RightOfWay(junction, heading, turn, control, first=first)
