@@ -68,9 +68,9 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.driver_spec import DriverSpec
     from raw2drive_ros.evaluation.drivers import make_driver
+    from raw2drive_ros.evaluation.expert import ExpertDriver
     from raw2drive_ros.evaluation.routes import weighted_types
     from raw2drive_ros.evaluation.table_actions import AdvisedDriver, through_table
-    from raw2drive_ros.evaluation.world_drivers import expert_driver
     from raw2drive_ros.progress import bar
     from raw2drive_ros.simulation.camera_rig import SIZES
 
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     if options.table:
         driver = through_table(options.driver, driver, options.noise)
     if options.advice and not (options.table and options.driver == 'expert'):
-        driver = AdvisedDriver(driver, expert_driver(coarse=True), options.advice_every)
+        driver = AdvisedDriver(driver, ExpertDriver(), options.advice_every)
     config = CollectConfig(
         scenarios,
         options.ticks,
