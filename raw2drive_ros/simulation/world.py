@@ -258,7 +258,7 @@ class World:
         return line_s - 0.6, pole
 
     def _actor(self, spec: ActorSpec, rng: Rng) -> Actor:
-        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng)
+        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng, self.draw.split)
         if isinstance(spec, WalkerSpec):
             return Walker(self.route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.delay_s, spec.kind, look)
         if isinstance(spec, DoorSpec):
