@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from raw2drive_ros.cli.deprecation import warn_old
 from raw2drive_ros.cli.driver_options import refuse_for_drivers
 from raw2drive_ros.cli.parser import at_least, note, refuse
-from raw2drive_ros.cli.route_options import add_route_arguments, chosen_routes
+from raw2drive_ros.cli.route_options import add_route_arguments, chosen_limits, chosen_routes
 from raw2drive_ros.evaluation.drivers import DRIVERS, driver_help, driver_list
 
 if TYPE_CHECKING:
@@ -107,7 +107,12 @@ def _drive(
 
     filmstrips = filmstrips_of(options.out) if options.out else None
     observe = FilmstripRecorder if filmstrips else None
-    conditions = Conditions(bench2drive_compat=options.bench2drive_compat, observe=observe, filmstrips=filmstrips)
+    conditions = Conditions(
+        bench2drive_compat=options.bench2drive_compat,
+        observe=observe,
+        filmstrips=filmstrips,
+        limits_s=chosen_limits(options, routes),
+    )
     with bar('evaluating', len(routes), 'routes') as advance:
 
         def on_route(done: int, result: RouteResult) -> None:

@@ -12,9 +12,11 @@ from msg_adapters.commands import decision_to_message
 from msg_adapters.factory import RosbagsFactory
 from msg_adapters.privileged import advice_to_message
 from raw2drive_ros.contracts import topics
+from raw2drive_ros.contracts.privileged import Advice
 from raw2drive_ros.evaluation.collection_journal import FinishedBag, open_journal
 from raw2drive_ros.evaluation.episode import as_received
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
+from raw2drive_ros.evaluation.table_actions import ADVICE, ADVICE_REASON
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.simulation.draws import TRAIN_SEED_START
@@ -137,9 +139,9 @@ def _episode(
             return ticks
         decision = driver.control(env, as_received(factory, tick), tick)
         bag.write(topics.COMMAND, tick.stamp_ns, decision_to_message(messages.factory, decision))
-        if 'advice' in decision.info:
-            advice = advice_to_message(messages.factory, decision.info['advice'], tick.stamp_ns)
-            bag.write(topics.ADVICE, tick.stamp_ns, advice)
+        if ADVICE in decision.info:
+            advice = Advice(tick.stamp_ns, decision.info[ADVICE], decision.info[ADVICE_REASON])
+            bag.write(topics.ADVICE, tick.stamp_ns, advice_to_message(messages.factory, advice))
         tick, *_ = env.step(decision.control)
 
 

@@ -8,9 +8,9 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -49,12 +49,14 @@ class Observer(Protocol):
 @dataclass(frozen=True, slots=True)
 class Conditions:
     """How routes are driven. bench2drive_compat: score as Bench2Drive's tools do. observe: makes the observer of a
-    process. filmstrips: folder for what the observer saves of failed drives."""
+    process. filmstrips: folder for what the observer saves of failed drives. limits_s: time limits of routes; the
+    others have their scene's own."""
 
     image_size: tuple[int, int] = (96, 160)
     bench2drive_compat: bool = False
     observe: Callable[[], Observer] | None = None
     filmstrips: Path | None = None
+    limits_s: Mapping[RouteId, float] = field(default_factory=dict)
 
 
 class RouteRunner:
@@ -80,7 +82,8 @@ class RouteRunner:
 
         try:
             compat = self.conditions.bench2drive_compat
-            drive = drive_route(self.env, self.driver, route, on_tick, bench2drive_compat=compat)
+            limit_s = self.conditions.limits_s.get(route)
+            drive = drive_route(self.env, self.driver, route, on_tick, bench2drive_compat=compat, time_limit_s=limit_s)
         except Exception as error:
             traceback.print_exc()
             return failed_route(route, f'{type(error).__name__}: {error}'), []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -30,7 +31,7 @@ class RouteResult:
     infractions: name -> count, and the failure that ended the drive, if one did. signs_obeyed: through the first
     junction without running a light or a stop sign (the Traffic Sign ability's extra credit). reward: sum over the
     drive. efficiency: mean speed in percent of the traffic's; comfort: percent of comfortable segments; None where
-    undefined."""
+    undefined. limit_s: time limit of the drive; None in older files, and where there was none."""
 
     id: str
     type: str
@@ -48,6 +49,7 @@ class RouteResult:
     reward: float = 0.0
     efficiency: float | None = None
     comfort: float | None = None
+    limit_s: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -82,6 +84,7 @@ def score_route(
     reward: float = 0.0,
     efficiency: float | None = None,
     comfort: float | None = None,
+    limit_s: float | None = None,
 ) -> RouteResult:
     """The row of one drive, rounded as it is stored. Success: the whole route, no infraction, no failure."""
     score = infraction_score(events, outside_percent)
@@ -107,6 +110,7 @@ def score_route(
         round(reward, 4),
         None if efficiency is None else round(efficiency, 3),
         None if comfort is None else round(comfort, 3),
+        None if limit_s is None or math.isinf(limit_s) else round(limit_s, 2),
     )
 
 

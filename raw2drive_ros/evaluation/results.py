@@ -10,7 +10,7 @@ import json
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +24,8 @@ Row = dict[str, Any]
 NUMBERS = ('route_completion', 'infraction_score', 'driving_score', 'duration_s', 'reward')
 # None where undefined; the oldest files do not have them.
 OPTIONAL = ('efficiency', 'comfort')
+# Fields that files before suites of version 3 do not have.
+LATER = ('limit_s',)
 TYPES: dict[str, type] = {
     'id': str,
     'type': str,
@@ -178,7 +180,7 @@ def _checked_row(record: Any, source: str) -> Row:
     try:
         if not isinstance(record, dict):
             raise ValueError(f'{record!r} is not a table')
-        row = record | {name: record.get(name) for name in OPTIONAL}
+        row = record | {name: record.get(name) for name in (*OPTIONAL, *LATER)}
         _require(row, FIELDS)
         if unknown := [name for name in row if name not in FIELDS]:
             raise ValueError(f'unknown: {", ".join(unknown)}')
@@ -186,12 +188,12 @@ def _checked_row(record: Any, source: str) -> Row:
             # Not `isinstance`, by which true is a number.
             if type(row[name]) is not kind:
                 raise ValueError(f'{name}: {row[name]!r} is not of type {kind.__name__}')
-        for name in (*NUMBERS, *OPTIONAL):
+        for name in (*NUMBERS, *OPTIONAL, *LATER):
             _check_number(name, row[name])
         if not all(type(count) is int for count in row['infractions'].values()):
             raise ValueError('infractions: not a table of counts')
         parts = '/'.join(str(row[name]) for name in ('type', 'seed', 'weather', 'repetition'))
-        if RouteId.parse(parts) != id_of(row):
+        if replace(RouteId.parse(parts), twin=id_of(row).twin) != id_of(row):
             raise ValueError(f'id {row["id"]} is not that of {parts}')
     except ValueError as error:
         raise ResultsError(f'{source} is not a result: {error}') from error
@@ -204,7 +206,7 @@ def _require(record: Row, names: Sequence[str]) -> None:
 
 
 def _check_number(name: str, value: Any) -> None:
-    if value is None and name in OPTIONAL:
+    if value is None and name in (*OPTIONAL, *LATER):
         return
     if type(value) not in (int, float):
         raise ValueError(f'{name}: {value!r} is not a number')

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,8 @@ POLL_S = 0.3
 class GraphJob:
     """out: folder for everything. max_ticks: end each route after that; 0: never. bundle: of the planner; without one
     the bridge's `sim_driver` (of stage-1 run `run`) drives. record: to `out`/bag. faults: (file of plans, plan) for a
-    fault injector between vehicle, planner and gate."""
+    fault injector between vehicle, planner and gate. limits_s: time limits of routes; the others have their scene's
+    own."""
 
     out: Path
     routes: tuple[RouteId, ...]
@@ -40,6 +41,7 @@ class GraphJob:
     record: bool = True
     bench2drive_compat: bool = False
     faults: tuple[str, str] | None = None
+    limits_s: Mapping[RouteId, float] = field(default_factory=dict)
 
 
 def drive_graph(
@@ -76,6 +78,7 @@ def drive_graph(
 
 def _start(graph: Graph, job: GraphJob) -> None:
     from raw2drive_ros.contracts import topics
+    from raw2drive_ros.evaluation.suites import limits_text
     from raw2drive_ros.faults.plan import load_plans, remapping
 
     out, routes = job.out, ','.join(map(str, job.routes))
@@ -98,6 +101,7 @@ def _start(graph: Graph, job: GraphJob) -> None:
         graph.start('planner', planner | {'image_transport': job.image_transport}, remap=heard)
     bridge = {
         'episodes': routes,
+        'time_limits': limits_text({route: s for route, s in job.limits_s.items() if route in job.routes}),
         'sim_driver': job.sim_driver,
         'sim_driver_run': str(job.run.resolve()) if job.run else '',
         'bench2drive_compat': job.bench2drive_compat,
@@ -194,6 +198,7 @@ def evaluate_graph(
                 image_size=conditions.image_size,
                 record=False,
                 bench2drive_compat=conditions.bench2drive_compat,
+                limits_s=conditions.limits_s,
             )
             with interruptible(spec.name, suite, version, file, []):
                 timing = drive_graph(job, domain, on_row=on_row)[1]

@@ -17,16 +17,24 @@ from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.draws import TRAINING
 from raw2drive_ros.simulation.leaders import LOOK_AHEAD_M
 from raw2drive_ros.simulation.looks import look_fields, size_m
-from raw2drive_ros.simulation.path import Path, smooth_step
+from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
 from raw2drive_ros.simulation.scripts import Meeting, Pacing, Script, ego_is_due
 
 if TYPE_CHECKING:
+    from raw2drive_ros.simulation.courses import Course
     from raw2drive_ros.simulation.world import World
 
 DOOR_OPENS_IN_S = 0.6
 # A target speed below this means: stand still until a script sets a higher one.
 CREEP_MPS = 0.05
 EGO_HALF_WIDTH_M = 1.0
+BRAKE_LAMP_MPS2 = -0.7
+# A vehicle indicates a turn from here on.
+INDICATE_M = 40.0
+# Deceleration of a calm driver, the hardest braking, and the strongest lateral acceleration of a scripted drift.
+COMFORT_MPS2 = 2.5
+MAX_BRAKING_MPS2 = 8.0
+DRIFT_MPS2 = 3.8
 SIZE_SPREAD = 0.06
 
 
@@ -37,6 +45,11 @@ class Look:
     body: str
     colour: int = 0
     scale: float = 1.0
+
+    @property
+    def length_m(self) -> float:
+        """Length of the body, scaled."""
+        return size_m(self.body)[0] * self.scale
 
     @staticmethod
     def draw(kind: str, rng: np.random.Generator, split: str = TRAINING) -> Look:
@@ -52,9 +65,15 @@ class Look:
 class PathVehicle(Vehicle):
     """A vehicle on a fixed path: IDM behind the leading vehicle or obstacle on it, and before closed stop lines.
 
-    ignores_traffic: reacts to nobody (a driver who violates the right of way). waits_at_m: (arc length, is it closed?)
-    of its stop lines. steered: controls the speed instead of IDM, as long as it applies. gap_m, closing_mps: free gap
-    to the leading actor on the path and closing speed; set by `leaders.find_leaders`.
+    It chooses an acceleration at the decision rate. ignores_traffic: reacts to nobody (a driver who violates the right
+    of way). ignores_ego: reacts to everybody but a moving ego. waits_at_m: (arc length, is it closed?) of its stop
+    lines. steered: controls the speed instead of IDM, as long as it applies. course: the lanes that it follows, with
+    the junctions on the way, where `right_of_way` sets `stop_at_m`. yields: it keeps to the rules of right of way;
+    otherwise all others wait for it. number: unique in its world.
+
+    Set by `leaders.find_leaders`: gap_m, closing_mps, leader_row: free gap to the leading actor on the path, closing
+    speed, and its row in the world's arrays; others_gap_m, others_closing_mps: the same without the ego.
+    indicator: left, right or ''. imposed_mps2: deceleration that only the ego makes it need (m/s2, 0 without).
     """
 
     def __init__(
@@ -68,39 +87,58 @@ class PathVehicle(Vehicle):
         scripts: tuple[Script, ...] = (),
         *,
         ignores_traffic: bool = False,
+        ignores_ego: bool = False,
         waits_at_m: tuple[tuple[float, Callable[[World], bool]], ...] = (),
         lateral_m: float = 0.0,
         steered: Meeting | Pacing | None = None,
         has_priority: bool = False,
         time_gap_s: float = 1.2,
         ends_at_s_m: float = math.inf,
+        course: Course | None = None,
+        yields: bool = True,
+        obeys_lights: bool = True,
     ) -> None:
         x, y, yaw = path.pose(s_m, lateral_m)
         super().__init__(None, (x, y), yaw, speed_mps)
-        self.path = path
+        self.number = -1
+        self.path, self.course = path, course
         self.s_m = s_m
         self.target_speed = target_speed_mps
         self.kind = kind
         (look or Look(kind)).apply_to(self)
         # A script stores whether it has fired, so every vehicle needs copies of its own.
         self.scripts = [copy.copy(script) for script in scripts]
-        self.ignores_traffic = ignores_traffic
+        self.ignores_traffic, self.ignores_ego = ignores_traffic, ignores_ego
         self.waits_at_m = waits_at_m
         self.base_lateral_m = self.lateral_m = lateral_m
         self.steered = steered
-        self.has_priority = has_priority
+        self.has_priority, self.yields, self.obeys_lights = has_priority, yields, obeys_lights
         self.time_gap_s = time_gap_s
         self.ends_at_s_m = min(ends_at_s_m, path.length_m + 2.0)
-        self.gap_m, self.closing_mps = math.inf, 0.0
+        self.gap_m, self.closing_mps, self.leader_row = math.inf, 0.0, -1
+        self.others_gap_m, self.others_closing_mps = math.inf, 0.0
+        self.stop_at_m, self.next_crossing, self.has_leave, self.waited_s = math.inf, 0, False, 0.0
         self.command_acceleration = 0.0
+        self.imposed_mps2 = 0.0
+        self.indicator = ''
+        self.leaves_in_sight = course is None
         self.gone = False
+
+    @property
+    def braking(self) -> bool:
+        """Whether its brake lamps are lit."""
+        return self.command_acceleration < BRAKE_LAMP_MPS2 or self.speed < CREEP_MPS
 
     def think(self, world: World) -> None:
         """Choose an acceleration from the state of the world before any actor moves in this step."""
         forced = None
+        signalled = ''
         for script in self.scripts:
             if script.fired_at_s_m is None and script.fires(world, self):
                 script.fired_at_s_m = self.s_m
+                script.reach_m = max(script.drift_over_m, drift_length_m(script.drift_m, self.speed))
+            if script.due_s is not None and (script.indicator or script.drift_m):
+                signalled = self._signal_of(script) or signalled
             if script.fired_at_s_m is None:
                 continue
             if script.target_speed_mps is not None:
@@ -111,37 +149,99 @@ class PathVehicle(Vehicle):
             steered = self.steered.acceleration(world, self)
             forced = forced if steered is None else steered
         self.command_acceleration = self._idm(world) if forced is None else forced
+        self.imposed_mps2 = self._imposed(len(world.actors)) if forced is None else 0.0
+        self.indicator = signalled or self._turning()
+
+    def _signal_of(self, script: Script) -> str:
+        """What a script shows from its trigger until its drift is over."""
+        done = script.fired_at_s_m is not None and self.s_m > script.fired_at_s_m + script.reach_m
+        if script.drift_m and done:
+            return ''
+        return script.indicator or ('left' if script.drift_m > 0.0 else 'right')
+
+    def _turning(self) -> str:
+        """The side that it turns to at a junction within `INDICATE_M`."""
+        if self.course is None:
+            return ''
+        for crossing in self.course.crossings[self.next_crossing : self.next_crossing + 2]:
+            if crossing.enter_s_m - self.s_m > INDICATE_M:
+                break
+            if self.s_m < crossing.leave_s_m and crossing.turn != 'ahead':
+                return crossing.turn
+        return ''
 
     def _idm(self, world: World) -> float:
         v, wanted = self.speed, max(self.target_speed, 0.1)
+        if self.course is not None:
+            allowed = self.course.speeds_mps
+            wanted = min(wanted, allowed[min(max(int((self.s_m + 0.3 * v) / SPACING_M), 0), len(allowed) - 1)])
         free = IDMVehicle.COMFORT_ACC_MAX * (1.0 - (v / wanted) ** 4)
         gap, closing = self.gap_m, self.closing_mps
         for stop_s, is_closed in self.waits_at_m:
             distance = stop_s - self.s_m - self.LENGTH / 2
             if 0.0 < distance < LOOK_AHEAD_M and is_closed(world) and distance < gap:
                 gap, closing = distance + 2.0, v
-        if gap >= LOOK_AHEAD_M:
-            return max(free, IDMVehicle.COMFORT_ACC_MIN)
-        comfort = math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
-        wanted_gap = 3.0 + max(0.0, v * self.time_gap_s + v * closing / (2.0 * comfort))
-        return max(free - IDMVehicle.COMFORT_ACC_MAX * (wanted_gap / max(gap, 0.1)) ** 2, -8.0)
+        distance = self.stop_at_m - self.s_m - self.LENGTH / 2
+        if distance + 2.0 < gap:
+            gap, closing = max(distance, 0.0) + 2.0, v
+        return follow(v, free, gap, closing, self.time_gap_s)
+
+    def _imposed(self, ego_row: int) -> float:
+        """The deceleration that it takes to stay behind the ego, where nobody else asks for it."""
+        if self.leader_row != ego_row or self.command_acceleration > -COMFORT_MPS2 or self.closing_mps <= 0.0:
+            return 0.0
+        own = needed_mps2(self.gap_m, self.closing_mps)
+        if self.stop_at_m < math.inf:
+            own -= needed_mps2(self.stop_at_m - self.s_m - self.LENGTH / 2 + 1.0, self.speed)
+        if self.others_closing_mps > 0.0:
+            own -= needed_mps2(self.others_gap_m, self.others_closing_mps)
+        return max(0.0, own)
 
     def step(self, dt: float) -> None:
         self.speed = max(0.0, self.speed + self.command_acceleration * dt)
         self.s_m += self.speed * dt
-        self.lateral_m = self.base_lateral_m + sum(
-            script.drift_m * smooth_step(self.s_m, script.fired_at_s_m, script.drift_over_m)
-            for script in self.scripts
-            if script.drift_m and script.fired_at_s_m is not None
-        )
-        ahead = self.path.pose(self.s_m, self.lateral_m)
-        moved_x, moved_y = ahead[0] - self.position[0], ahead[1] - self.position[1]
-        self.heading = ahead[2]
-        drifting = self.lateral_m != self.base_lateral_m
-        if drifting and math.hypot(moved_x, moved_y) > 0.05:
-            self.heading = math.atan2(moved_y, moved_x)
-        self.position[:] = ahead[:2]
-        self.gone = self.s_m > self.ends_at_s_m
+        drifting = False
+        if self.scripts:
+            self.lateral_m = self.base_lateral_m + sum(
+                script.drift_m * smooth_step(self.s_m, script.fired_at_s_m, script.reach_m)
+                for script in self.scripts
+                if script.drift_m and script.fired_at_s_m is not None
+            )
+            drifting = self.lateral_m != self.base_lateral_m
+        x, y, yaw = self.path.pose(self.s_m, self.lateral_m)
+        if drifting:
+            moved_x, moved_y = x - self.position[0], y - self.position[1]
+            if math.hypot(moved_x, moved_y) > 0.05:
+                yaw = math.atan2(moved_y, moved_x)
+        self.heading = yaw
+        self.position[0], self.position[1] = x, y
+        self.gone = self.s_m > self.ends_at_s_m and self.leaves_in_sight
+
+
+def needed_mps2(gap_m: float, closing_mps: float) -> float:
+    """The deceleration (m/s2) that is needed to lose `closing_mps` within `gap_m`, but for half a metre."""
+    return closing_mps * closing_mps / (2.0 * max(gap_m - 0.5, 0.2))
+
+
+def follow(speed: float, free_mps2: float, gap_m: float, closing_mps: float, time_gap_s: float) -> float:
+    """Acceleration (m/s2) behind a leading vehicle: IDM, but not harder than the situation asks for.
+
+    free_mps2: what it would be without one. A gap that is too short, but does not shrink, is opened gently.
+    """
+    if gap_m >= LOOK_AHEAD_M:
+        return max(free_mps2, IDMVehicle.COMFORT_ACC_MIN)
+    comfort = math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
+    wanted_gap = 3.0 + max(0.0, speed * time_gap_s + speed * closing_mps / (2.0 * comfort))
+    wanted = free_mps2 - IDMVehicle.COMFORT_ACC_MAX * (wanted_gap / max(gap_m, 0.1)) ** 2
+    hardest = COMFORT_MPS2
+    if closing_mps > 0.0:
+        hardest = max(hardest, 1.4 * needed_mps2(gap_m - 1.0, closing_mps) + 0.5)
+    return max(wanted, -min(hardest, MAX_BRAKING_MPS2))
+
+
+def drift_length_m(drift_m: float, speed_mps: float) -> float:
+    """The shortest way (m) for a lateral drift with at most `DRIFT_MPS2` sideways: 6 d / T^2 for a cubic step."""
+    return speed_mps * math.sqrt(6.0 * abs(drift_m) / DRIFT_MPS2)
 
 
 class Walker(Vehicle):
@@ -171,6 +271,7 @@ class Walker(Vehicle):
         self.left_to_walk_m = abs(to_m - from_m)
         self.walk_speed = speed_mps
         self.lead_s = (abs(from_m) - EGO_HALF_WIDTH_M) / speed_mps + delay_s
+        self.number = -1
         self.command_acceleration = 0.0
         self.gone = False
 
@@ -192,6 +293,7 @@ class StandingObject(Obstacle):
 
     def __init__(self, x_m: float, y_m: float, yaw_rad: float, kind: str, look: Look | None = None) -> None:
         super().__init__(None, (x_m, y_m), yaw_rad, 0.0)
+        self.number = -1
         self.kind = kind
         (look or Look(kind)).apply_to(self)
         self.command_acceleration = 0.0

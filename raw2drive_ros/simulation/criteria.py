@@ -30,8 +30,12 @@ STANDING_TRAFFIC_MPS = 0.5
 
 @dataclass(slots=True)
 class Criteria:
-    """Observes a world; `step` returns the names of the infractions that began in this decision step."""
+    """Observes a world; `step` returns the names of the infractions that began in this decision step.
 
+    own_limit_s: the time limit that a suite gives this drive; None: that of the scene, see `time_limit_s`.
+    """
+
+    own_limit_s: float | None = None
     events: dict[str, int] = field(default_factory=dict)
     failure: str = ''
     travelled_m: float = 0.0
@@ -68,9 +72,13 @@ class Criteria:
             self.failure = 'route_deviation'
         elif self.blocked_s > BLOCKED_LIMIT_S:
             self.failure = 'blocked'
-        elif world.time_s > time_limit_s(world):
+        elif world.time_s > self.limit_s(world):
             self.failure = 'timeout'
         return happened
+
+    def limit_s(self, world: World) -> float:
+        """Time (s) after which the drive fails."""
+        return time_limit_s(world) if self.own_limit_s is None else self.own_limit_s
 
     def finished(self, world: World) -> bool:
         """Whether the ego has reached the goal."""

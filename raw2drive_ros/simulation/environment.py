@@ -23,6 +23,7 @@ from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
 from raw2drive_ros.simulation.draws import Draw, Rng, rng_for
 from raw2drive_ros.simulation.id_painter import IdPainter
+from raw2drive_ros.simulation.privileged_view import PrivilegedView
 from raw2drive_ros.simulation.renderer import CameraRenderer
 from raw2drive_ros.simulation.reward import Outcome, RewardModel
 from raw2drive_ros.simulation.route_id import RouteId
@@ -107,7 +108,8 @@ class DrivingEnv(AbstractEnv):
     ) -> tuple[Tick, dict[str, Any]]:
         """Start scenario `options['scenario']` (default: LaneFollowing) with `seed` (default: 0).
 
-        options may also hold `weather`, `repetition` and `twin`, see `RouteId`.
+        options may also hold `weather`, `repetition` and `twin`, see `RouteId`, and `time_limit_s`, after which the
+        drive fails; None or nothing: the scene's own, see `criteria.time_limit_s`.
 
         Raises UnknownScenarioError, UnknownWeatherError.
         """
@@ -125,11 +127,12 @@ class DrivingEnv(AbstractEnv):
         self.road = Road(self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32))
         self.controlled_vehicles = [self.world.ego]
         self.noise_rng = draw.rng
-        self.criteria = Criteria()
+        self.criteria = Criteria(chosen.get('time_limit_s'))
         self.criteria.step(self.world)
         self.rewards = RewardModel(self.world)
         self._new_pictures(self.world)
         self.bev = BevRenderer(self.world) if self.simulation.bev else None
+        self.view = None if self.bev is None else PrivilegedView(self.world, self.bev)
         self.clock_ns += DECISION_NS
         self.route = Route(self.clock_ns, self.world.checkpoints_m())
         self.done = False
@@ -140,13 +143,14 @@ class DrivingEnv(AbstractEnv):
         tick = self._tick((imu,), (odometry,), first, {})
         return tick, tick.info
 
-    def reset_to(self, route: RouteId) -> tuple[Tick, dict[str, Any]]:
-        """Start a route. Raises UnknownScenarioError, UnknownWeatherError."""
+    def reset_to(self, route: RouteId, time_limit_s: float | None = None) -> tuple[Tick, dict[str, Any]]:
+        """Start a route; time_limit_s: see `reset`. Raises UnknownScenarioError, UnknownWeatherError."""
         options = {
             'scenario': route.type,
             'weather': route.weather,
             'repetition': route.repetition,
             'twin': route.twin,
+            'time_limit_s': time_limit_s,
         }
         return self.reset(seed=route.seed, options=options)
 
@@ -242,10 +246,6 @@ class DrivingEnv(AbstractEnv):
         assert self.world is not None
         images = self.renderer.render() if self.simulation.cameras else {}
         self._look(self.world)
-        privileged = None
-        if self.bev is not None:
-            ego = self.world.ego
-            vector = (ego.speed, ego.steer, ego.throttle, ego.brake, ego.yaw_rate)
-            privileged = PrivilegedFrame(self.clock_ns, self.bev.render(), np.array(vector, np.float32))
+        privileged = None if self.view is None else self.view.frame(self.clock_ns, self.visibility)
         sensors = SensorFrame(self.clock_ns, images, imus[-1], odometries[-1])
         return Tick(self.clock_ns, sensors, imus, odometries, self.route, privileged, transition, info)

@@ -17,7 +17,7 @@ DARK_LENSES = {'red': (62.0, 34.0, 30.0), 'yellow': (62.0, 54.0, 26.0), 'green':
 POST, HOUSING, PLATE_BACK = (112.0, 114.0, 116.0), (25.0, 25.0, 25.0), (135.0, 137.0, 140.0)
 SIGN_RED, SIGN_WHITE = (205.0, 20.0, 28.0), (248.0, 248.0, 248.0)
 # Heights of the middles of signs, and half the widths across flats of the octagon and across the triangle's top.
-SIGN_Z_M, OCTAGON_M, TRIANGLE_M = 2.2, 0.45, 0.5
+SIGN_Z_M, OCTAGON_M, TRIANGLE_M = 2.15, 0.45, 0.5
 # Strokes of the letters of STOP: (left, right, bottom, top) in units of a letter's width and height.
 LETTERS = (
     ((0.0, 1.0, 0.8, 1.0), (0.0, 0.3, 0.5, 0.8), (0.0, 1.0, 0.4, 0.6), (0.7, 1.0, 0.2, 0.5), (0.0, 1.0, 0.0, 0.2)),

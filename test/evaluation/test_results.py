@@ -70,7 +70,7 @@ def test_the_bytes_of_a_file_are_these(tmp_path) -> None:
         '{"id": "Accident/0", "type": "Accident", "seed": 0, "weather": "ClearNoon", "repetition": 0, '
         '"route_completion": 100.0, "infraction_score": 0.7, "driving_score": 70.0, "success": false, '
         '"infractions": {"red_light": 1}, "signs_obeyed": false, "failure": "", "duration_s": 9.5, '
-        '"reward": -0.125, "efficiency": null, "comfort": 50.0}\n'
+        '"reward": -0.125, "efficiency": null, "comfort": 50.0, "limit_s": null}\n'
     )
 
 
