@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.simulation.quads import SHIFT, Drawing, QuadProjector
-from raw2drive_ros.simulation.things import Things, counted_things, things_in_sight
+from raw2drive_ros.simulation.things import Things, counted_things, scenery_of, things_in_sight
 from raw2drive_ros.simulation.variation import NO_VARIATION, Variation
 from raw2drive_ros.simulation.weather import CLEAR, WEATHERS, Weather
 from raw2drive_ros.simulation.world import World
@@ -80,13 +80,14 @@ class IdPainter:
         """Count in `world` from now on."""
         self.world, self.night = world, weather.headlights > 0.0
         self.projector.mount(variation.mounted(self.cameras))
+        self.scenery = scenery_of(world, night=self.night)
 
     def count(self) -> tuple[Counts, Counts]:
         """(counts, signal_counts) of the world as it is now. Raises RuntimeError before `new_world`."""
         if self.world is None:
             raise RuntimeError('IdPainter.count: call new_world first')
         pose = self.world.ego_history[0]
-        things = things_in_sight(self.world, pose, night=self.night, detail_m=detail_m(self.projector))
+        things = things_in_sight(self.world, pose, self.scenery, night=self.night, detail_m=detail_m(self.projector))
         drawing = None if things is None else self.projector.project(things)
         self.counts, self.signal_counts = no_counts(self.world, len(self.cameras))
         if things is not None and drawing is not None:

@@ -14,7 +14,7 @@ from raw2drive_ros.contracts.public import CameraCalibration, Float64, Image8
 from raw2drive_ros.simulation.ground import GroundProjector, Rgb, far_ground, paint_ground
 from raw2drive_ros.simulation.id_painter import SUPERSAMPLING, Counts, count_pixels, detail_m, no_counts
 from raw2drive_ros.simulation.quads import SHIFT, QuadProjector
-from raw2drive_ros.simulation.things import Things, things_in_sight
+from raw2drive_ros.simulation.things import Things, scenery_of, things_in_sight
 from raw2drive_ros.simulation.variation import NO_VARIATION, ImageEffects, Variation
 from raw2drive_ros.simulation.weather import CLEAR, LAMP_REACH, WEATHERS, Weather
 from raw2drive_ros.simulation.world import World
@@ -72,6 +72,7 @@ class CameraRenderer:
             _sky(camera, self.scale, rows, weather, variation)
             for camera, rows in zip(mounted, self.ground.first_rows, strict=True)
         ]
+        self.scenery = scenery_of(world, night=weather.headlights > 0.0)
         self.effects.load(weather, variation, rng or np.random.default_rng(0))
         self.counts = self.signal_counts = None
 
@@ -96,7 +97,7 @@ class CameraRenderer:
     def _draw_things(self, world: World, pose: tuple[float, float, float]) -> None:
         """Draw all things into the frames, and count their pixels."""
         night = self.weather.headlights > 0.0
-        things = things_in_sight(world, pose, night=night, detail_m=self.detail_m)
+        things = things_in_sight(world, pose, self.scenery, night=night, detail_m=self.detail_m)
         drawing = None if things is None else self.projector.project(things)
         if self.counting:
             self.counts, self.signal_counts = no_counts(world, len(self.cameras))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.actor_shapes import actor_shape
 from raw2drive_ros.simulation.actors import Actor, PathVehicle
+from raw2drive_ros.simulation.scenery_shapes import Scenery, StaticQuads, static_quads
 from raw2drive_ros.simulation.shapes import COLOUR, CORNERS, COUNTED, EMISSIVE, NORMAL, Shape
 from raw2drive_ros.simulation.signal_shapes import light_shape, sign_shape
 from raw2drive_ros.simulation.world import World
@@ -54,13 +55,18 @@ class Things:
     quad_place_m: Float64
 
 
+def scenery_of(world: World, *, night: bool) -> Scenery:
+    """The scenery of a world; empty for a world that has none."""
+    return Scenery(getattr(world, 'scenery', ()), night=night)
+
+
 def counted_things(world: World) -> tuple[int, int]:
     """(number of actors, number of lights and stop signs) whose pixels are counted."""
     return len(world.history[0][0]), len(world.lights) + len(world.stop_signs)
 
 
-def things_in_sight(world: World, pose: Pose, *, night: bool, detail_m: float) -> Things | None:
-    """All things within `VISIBLE_M` of the ego at `pose`; None where there are none.
+def things_in_sight(world: World, pose: Pose, scenery: Scenery, *, night: bool, detail_m: float) -> Things | None:
+    """All actors, lights and signs within `VISIBLE_M` of the ego at `pose`, and the scenery; None without any.
 
     night: running lamps are lit. detail_m: cars that are further away have no wheels, side windows and shadows.
     """
@@ -69,60 +75,88 @@ def things_in_sight(world: World, pose: Pose, *, night: bool, detail_m: float) -
     signals += [(sign_shape('stop'), sign.pole_pose) for sign in world.stop_signs]
     counted = len(actors) + len(signals)
     signals += list(_others(world))
-    if signals:
-        poses = np.concatenate([poses.reshape(-1, 3), [place for _, place in signals]])
-    if not len(poses):
-        return None
+    poses = np.concatenate([poses.reshape(-1, 3), np.array([place for _, place in signals]).reshape(-1, 3)])
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    from_map = np.array([[cos, -sin], [sin, cos]])
     local = poses - pose
-    local[:, :2] = local[:, :2] @ np.array([[cos, -sin], [sin, cos]])
+    local[:, :2] = local[:, :2] @ from_map
     distance = np.hypot(local[:, 0], local[:, 1])
-    order = np.argsort(-distance, kind='stable')
-    order = order[distance[order] < VISIBLE_M]
-    if not len(order):
-        return None
+    within = np.flatnonzero(distance < VISIBLE_M)
+    near_first = within[np.argsort(distance[within], kind='stable')]
+    rows = near_first[near_first < counted][:MAX_NUMBERED]
+    numbers = np.zeros(len(poses), np.int64)
+    numbers[rows] = np.arange(1, len(rows) + 1)
     shapes = [
         signals[i - len(actors)][0]
         if i >= len(actors)
         else _actor_shape(actors[i], world.time_s, night=night, detailed=metres < detail_m)
-        for i, metres in zip(order.tolist(), distance[order].tolist(), strict=True)
+        for i, metres in zip(within.tolist(), distance[within].tolist(), strict=True)
     ]
-    near_first = order[::-1]
-    rows = near_first[near_first < counted][:MAX_NUMBERED]
-    numbers = np.zeros(len(poses), np.int64)
-    numbers[rows] = np.arange(1, len(rows) + 1)
-    return _placed(shapes, local[order], distance[order], numbers[order], rows)
+    around = scenery.around(pose[0], pose[1])
+    if not shapes and not len(around):
+        return None
+    moving = _placed(shapes, local[within])
+    standing = _turned(around, pose, from_map)
+    packed = np.concatenate([moving.packed, standing.packed])
+    count = np.concatenate([moving.count, standing.count])
+    place = np.concatenate([moving.place_m, standing.place_m])
+    radius = np.concatenate([moving.radius_m, standing.radius_m])
+    number = np.zeros(len(packed), np.int64)
+    number[: len(moving.packed)] = np.repeat(numbers[within], moving.count)
+    return _ordered(StaticQuads(packed, count, place, radius), number, rows)
 
 
-def _placed(shapes: list[Shape], local: Float64, distance: Float64, numbers: Ints, rows: Ints) -> Things:
-    """The quads of shapes that stand at (N, 3) x, y, yaw."""
+def _ordered(quads: StaticQuads, number: Ints, rows: Ints) -> Things:
+    """Things from far to near. number: (Q,) of the thing that each quad belongs to, 0 for none."""
+    distance = np.hypot(quads.place_m[:, 0], quads.place_m[:, 1])
+    order = np.argsort(-distance, kind='stable')
+    part = np.repeat(np.arange(len(quads)), quads.count)
+    packed = quads.packed
+    return Things(
+        corners_m=packed[:, CORNERS].reshape(-1, 4, 3),
+        normals=packed[:, NORMAL],
+        colours=packed[:, COLOUR],
+        emissive=packed[:, EMISSIVE] > 0.0,
+        number=number * packed[:, COUNTED].astype(np.int64),
+        rows=rows,
+        place_m=quads.place_m[order],
+        radius_m=quads.radius_m[order],
+        first=(np.cumsum(quads.count) - quads.count)[order],
+        count=quads.count[order],
+        distance_m=distance[part],
+        quad_place_m=quads.place_m[part],
+    )
+
+
+def _placed(shapes: list[Shape], local: Float64) -> StaticQuads:
+    """The quads of shapes that stand at (N, 3) x, y, yaw in the ego's frame."""
+    if not shapes:
+        return static_quads([])
     count = np.array([len(shape.packed) for shape in shapes])
     thing = np.repeat(np.arange(len(shapes)), count)
     packed = np.concatenate([shape.packed for shape in shapes])
-    cos, sin = np.cos(local[thing, 2])[:, None], np.sin(local[thing, 2])[:, None]
-    corners = packed[:, CORNERS].reshape(-1, 4, 3)
-    placed = np.empty((len(packed), 4, 3))
-    x, y = corners[..., 0], corners[..., 1]
-    placed[..., 0] = x * cos - y * sin + local[thing, 0, None]
-    placed[..., 1] = x * sin + y * cos + local[thing, 1, None]
-    placed[..., 2] = corners[..., 2]
-    normals = packed[:, NORMAL].copy()
-    normals[:, 0] = packed[:, 12] * cos[:, 0] - packed[:, 13] * sin[:, 0]
-    normals[:, 1] = packed[:, 12] * sin[:, 0] + packed[:, 13] * cos[:, 0]
-    return Things(
-        corners_m=placed,
-        normals=normals,
-        colours=packed[:, COLOUR],
-        emissive=packed[:, EMISSIVE] > 0.0,
-        number=numbers[thing] * packed[:, COUNTED].astype(np.int64),
-        rows=rows,
-        place_m=local[:, :2],
-        radius_m=np.array([shape.radius_m for shape in shapes]),
-        first=np.cumsum(count) - count,
-        count=count,
-        distance_m=distance[thing],
-        quad_place_m=local[thing, :2],
-    )
+    place = local[thing]
+    cos, sin = np.cos(place[:, 2:]), np.sin(place[:, 2:])
+    # Corners and the normal: x, y, z in turn.
+    vectors = packed[:, : NORMAL.stop]
+    x, y = vectors[:, 0::3].copy(), vectors[:, 1::3].copy()
+    vectors[:, 0::3] = x * cos - y * sin
+    vectors[:, 1::3] = x * sin + y * cos
+    packed[:, CORNERS][:, 0::3] += place[:, :1]
+    packed[:, CORNERS][:, 1::3] += place[:, 1:2]
+    return StaticQuads(packed, count, local[:, :2], np.array([shape.radius_m for shape in shapes]))
+
+
+def _turned(quads: StaticQuads, pose: Pose, from_map: Float64) -> StaticQuads:
+    """Quads in `map` as the ego at `pose` sees them."""
+    packed = quads.packed.copy()
+    packed[:, CORNERS][:, 0::3] -= pose[0]
+    packed[:, CORNERS][:, 1::3] -= pose[1]
+    x, y = packed[:, : NORMAL.stop][:, 0::3].copy(), packed[:, : NORMAL.stop][:, 1::3].copy()
+    (cos, _), (sin, _) = from_map.tolist()
+    packed[:, : NORMAL.stop][:, 0::3] = x * cos + y * sin
+    packed[:, : NORMAL.stop][:, 1::3] = y * cos - x * sin
+    return StaticQuads(packed, quads.count, (quads.place_m - pose[:2]) @ from_map, quads.radius_m)
 
 
 def _actor_shape(actor: Actor, time_s: float, *, night: bool, detailed: bool) -> Shape:
