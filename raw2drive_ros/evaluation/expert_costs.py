@@ -44,9 +44,7 @@ class Verdict:
     collides: NDArray[np.bool_]
 
 
-def judge(
-    situation: Situation, found: list[Option], chosen: list[Plan], driven: Rollouts, current: str
-) -> Verdict:
+def judge(situation: Situation, found: list[Option], chosen: list[Plan], driven: Rollouts, current: str) -> Verdict:
     """The worth of every plan. current: family of the option that the ego is following."""
     view = situation.forecast
     horizon = float(view.times_s[-1])
@@ -113,7 +111,11 @@ def contacts(situation: Situation, driven: Rollouts) -> tuple[NDArray[np.bool_],
     longer = np.where(crossing, LONGER_M + LONGER_S * speed, LONGER_M) * (speed > STANDING_MPS)
     hit[pairs] = _overlap(along, across, relative, half_length + TOUCH_M, half_width + TOUCH_M)
     pace = np.minimum(driven.speed[plan, time] / 4.0, 1.0)
-    near[pairs] = pace * np.where(crossing, CROSSING_FACTOR, 1.0) * _overlap(along, across, relative, half_length + longer, half_width + wider)
+    near[pairs] = (
+        pace
+        * np.where(crossing, CROSSING_FACTOR, 1.0)
+        * _overlap(along, across, relative, half_length + longer, half_width + wider)
+    )
     return hit, near
 
 

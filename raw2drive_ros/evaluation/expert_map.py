@@ -148,7 +148,9 @@ class LaneMap:
     def _places(self, squared: Float64, pose: Float64, best: int) -> list[Place]:
         lanes = [int(self.lane_of[best])]
         if self.junction_of[best] >= 0:
-            near = np.flatnonzero((squared < (ON_CONNECTOR_M + 1.0) ** 2) & (self.junction_of == self.junction_of[best]))
+            near = np.flatnonzero(
+                (squared < (ON_CONNECTOR_M + 1.0) ** 2) & (self.junction_of == self.junction_of[best])
+            )
             lanes += [lane for lane in dict.fromkeys(self.lane_of[near].tolist()) if lane != lanes[0]]
         places = []
         for lane in lanes:

@@ -70,7 +70,10 @@ def options(situation: Situation, blocked: list[Zone]) -> list[Option]:
     found += _small_shifts(situation)
     for option in found:
         _hold(situation, option, blocked)
-        if hurried is not None and abs(float(np.interp(situation.s + 35.0, situation.grid, option.offset)) - hurried) < 2.2:
+        if (
+            hurried is not None
+            and abs(float(np.interp(situation.s + 35.0, situation.grid, option.offset)) - hurried) < 2.2
+        ):
             option.cost += IN_THE_WAY_COST
     return found
 
@@ -112,7 +115,9 @@ def _own_lane(situation: Situation, own: tuple[Float64, float] | None) -> list[O
     lost = ahead & (np.abs(profile) > LOST_LANES * situation.lanes.width_m)
     if lost.any():
         ends = min(ends, float(situation.grid[lost][0]))
-    stay = blend(situation, profile, shift_m(situation, situation.d - float(np.interp(situation.s, situation.grid, profile))))
+    stay = blend(
+        situation, profile, shift_m(situation, situation.d - float(np.interp(situation.s, situation.grid, profile)))
+    )
     found = []
     if ends > situation.front_m + 2.0:
         found.append(Option('keep', stay, ends - WALL_SHORT_M, 'end of the lane', cost=10.0))
@@ -173,7 +178,9 @@ def _around(situation: Situation, zone: Zone, across_m: float, *, oncoming: bool
     target = np.full_like(grid, across_m)
     start = out_by - over
     if start <= situation.s:
-        offset = blend(situation, target, max(min(shift_m(situation, across_m - situation.d), out_by - situation.s), 5.0))
+        offset = blend(
+            situation, target, max(min(shift_m(situation, across_m - situation.d), out_by - situation.s), 5.0)
+        )
     else:
         straight = blend(situation, np.zeros_like(grid), shift_m(situation, situation.d))
         offset = later(straight, target, grid, start, over)

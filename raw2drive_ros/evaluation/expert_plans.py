@@ -118,7 +118,9 @@ class _Rollout:
     def _corridors(self) -> None:
         """(P, N, T) masks: who is in the way of which plan as somebody to follow, and whose way a plan may enter."""
         view, situation = self.situation.forecast, self.situation
-        index = np.minimum(np.maximum(((view.s - situation.grid[0]) / GRID_M).astype(np.int64), 0), len(situation.grid) - 1)
+        index = np.minimum(
+            np.maximum(((view.s - situation.grid[0]) / GRID_M).astype(np.int64), 0), len(situation.grid) - 1
+        )
         # Offset of each plan at each actor's place: (P, N, T).
         at = self.offset[:, index]
         beside = np.abs(view.d[None] - at) < view.half_d[None] + HALF_WIDTH_M + FOLLOW_MARGIN_M
@@ -174,9 +176,7 @@ class _Rollout:
             s, v = s + 0.5 * (v + new) * dt, new
         return out
 
-    def _acceleration(
-        self, k: int, s: Float64, v: Float64, d: Float64, index: Ints
-    ) -> tuple[Float64, Ints, Ints]:
+    def _acceleration(self, k: int, s: Float64, v: Float64, d: Float64, index: Ints) -> tuple[Float64, Ints, Ints]:
         """(wanted acceleration, leader, what limits it)."""
         ahead = np.minimum(index + 1 + (0.4 * v).astype(np.int64), self.wanted.shape[1] - 1)
         target = self.wanted[self.rows, ahead]

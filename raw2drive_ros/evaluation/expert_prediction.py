@@ -171,9 +171,7 @@ def _slow_for_turn(hypothesis: Hypothesis, place: Place, way: Continuation) -> N
             return
 
 
-def _with_right_of_way(
-    hypothesis: Hypothesis, place: Place, way: Continuation, rules: RightOfWay
-) -> list[Hypothesis]:
+def _with_right_of_way(hypothesis: Hypothesis, place: Place, way: Continuation, rules: RightOfWay) -> list[Hypothesis]:
     """The hypothesis, and where the other has to stop for the ego, that it does so."""
     track = hypothesis.track
     for junction, enter, _, turn in way.crossings:

@@ -94,10 +94,13 @@ class Roadside:
             self.inside[index] = False
 
 
-def place_roadside(road: RoadMap, spec: BackgroundSpec, taken_m: Float64, parked_sides: str, rng: Rng) -> list[Actor]:
+def place_roadside(
+    road: RoadMap, spec: BackgroundSpec, taken_m: Float64, parked_sides: str, rng: Rng, split: str
+) -> list[Actor]:
     """Parked cars and people along the ego's road.
 
     taken_m: (N, 2) places of the scene's own actors. parked_sides: names the sides with parked cars, right and left.
+    split: whose bodies and paints they have.
     """
     found: list[Actor] = []
     layout = road.layout
@@ -107,8 +110,8 @@ def place_roadside(road: RoadMap, spec: BackgroundSpec, taken_m: Float64, parked
     for path, side in sides:
         open_m = _open_stations(road, path, taken_m)
         if side in parked_sides:
-            found += _parked(path, open_m, spec.parked, layout.lane_width_m / 2, rng)
-        found += _people(path, open_m, spec.bystanders, layout.lane_width_m / 2, rng)
+            found += _parked(path, open_m, spec.parked, layout.lane_width_m / 2, rng, split)
+        found += _people(path, open_m, spec.bystanders, layout.lane_width_m / 2, rng, split)
     return found
 
 
@@ -127,13 +130,13 @@ def _open_stations(road: RoadMap, path: Path, taken_m: Float64) -> Float64:
     return stations[free]
 
 
-def _parked(path: Path, open_m: Float64, share: float, half_m: float, rng: Rng) -> list[Actor]:
+def _parked(path: Path, open_m: Float64, share: float, half_m: float, rng: Rng, split: str) -> list[Actor]:
     found: list[Actor] = []
     free = set(open_m.tolist())
     for s_m in np.arange(path.start_s_m + 6.0, path.length_m - 6.0, PLACE_M).tolist():
         takes, van, shift = rng.random(3).tolist()
         kind = 'parked_van' if van < VAN_SHARE else 'parked'
-        look = Look.draw(kind, rng)
+        look = Look.draw(kind, rng, split)
         if takes >= share or not {s_m - 3.0, s_m, s_m + 3.0} <= free:
             continue
         actor = StandingObject(0.0, 0.0, 0.0, kind, look)
@@ -145,12 +148,12 @@ def _parked(path: Path, open_m: Float64, share: float, half_m: float, rng: Rng) 
     return found
 
 
-def _people(path: Path, open_m: Float64, per_100_m: int, half_m: float, rng: Rng) -> list[Actor]:
+def _people(path: Path, open_m: Float64, per_100_m: int, half_m: float, rng: Rng, split: str) -> list[Actor]:
     found: list[Actor] = []
     free = set(open_m.tolist())
     for begin in np.arange(path.start_s_m + 2.0, path.length_m - STRETCH_M, STRETCH_M + 2.0).tolist():
         comes, stands, at, side, speed = rng.random(5).tolist()
-        look = Look.draw('walker', rng)
+        look = Look.draw('walker', rng, split)
         whole = all(begin + k in free for k in range(int(STRETCH_M)))
         if comes >= per_100_m * (STRETCH_M + 2.0) / 100.0 / 2.0 or not whole:
             continue

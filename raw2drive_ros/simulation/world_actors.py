@@ -137,7 +137,7 @@ class WorldBuilder:
     def actor(self, spec: ActorSpec, rng: Rng) -> Actor:
         """The actor of a specification, not of a flow."""
         assert not isinstance(spec, FlowSpec)
-        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng)
+        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng, self.world.draw.split)
         route = self.world.route
         if isinstance(spec, WalkerSpec):
             return Walker(route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.delay_s, spec.kind, look)
@@ -323,4 +323,6 @@ class WorldBuilder:
                 taken.append(np.array(path.pose(s_m, spec_actor.lateral_m)[:2]))
         sides = self._sides(spec)
         rng = self.world.draw.stream('roadside')
-        return Roadside(place_roadside(self.road, spec, np.array(taken).reshape(-1, 2), sides, rng))
+        return Roadside(
+            place_roadside(self.road, spec, np.array(taken).reshape(-1, 2), sides, rng, self.world.draw.split)
+        )
