@@ -15,7 +15,9 @@ from highway_env.vehicle.objects import Obstacle
 
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.car_following import COMFORT_MPS2, drift_length_m, follow, needed_mps2
+from raw2drive_ros.simulation.draws import TRAINING
 from raw2drive_ros.simulation.leaders import LOOK_AHEAD_M
+from raw2drive_ros.simulation.looks import look_fields, size_m
 from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
 from raw2drive_ros.simulation.scripts import Meeting, Pacing, Script, ego_is_due
 
@@ -34,35 +36,10 @@ STEP_AHEAD_M = 0.6
 INDICATE_M = 40.0
 SIZE_SPREAD = 0.06
 
-# kind: (length, width, height) in metres.
-SIZES_M = {
-    'car': (4.6, 1.9, 1.5),
-    'van': (5.6, 2.1, 2.3),
-    'emergency': (5.4, 2.1, 2.2),
-    'cyclist': (1.8, 0.6, 1.7),
-    'walker': (0.6, 0.6, 1.75),
-    'barrier': (3.0, 2.2, 1.1),
-    'cone': (0.45, 0.45, 0.8),
-    'parked': (4.6, 1.9, 1.5),
-    'parked_van': (5.6, 2.1, 2.5),
-    'parked_emergency': (5.4, 2.1, 2.2),
-    'door': (0.15, 0.95, 1.35),
-}
-# Car bodies: (length, width, height) in metres. Kinds without a choice of bodies have the size in `SIZES_M`.
-BODIES_M = {
-    'sedan': (4.6, 1.85, 1.45),
-    'hatchback': (4.0, 1.75, 1.5),
-    'suv': (4.7, 1.95, 1.75),
-    'pickup': (5.2, 1.95, 1.8),
-}
-BODIES_OF = {'car': tuple(BODIES_M), 'parked': tuple(BODIES_M)}
-CAR_KINDS = frozenset(('car', 'parked', 'van', 'parked_van'))
-COLOURS = 14
-
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Appearance of one actor. colour: index into the renderer's palette. scale: factor on length and width."""
+    """Appearance of one actor. colour: index into `looks.PAINTS`. scale: factor on length and width."""
 
     body: str
     colour: int = 0
@@ -71,16 +48,15 @@ class Look:
     @property
     def length_m(self) -> float:
         """Length of the body, scaled."""
-        return (BODIES_M.get(self.body) or SIZES_M[self.body])[0] * self.scale
+        return size_m(self.body)[0] * self.scale
 
     @staticmethod
-    def draw(kind: str, rng: np.random.Generator) -> Look:
-        bodies = BODIES_OF.get(kind, (kind,))
-        spread = 1.0 + SIZE_SPREAD * (2.0 * float(rng.random()) - 1.0) if kind in CAR_KINDS else 1.0
-        return Look(bodies[int(rng.integers(len(bodies)))], int(rng.integers(COLOURS)), spread)
+    def draw(kind: str, rng: np.random.Generator, split: str = TRAINING) -> Look:
+        """A look for an actor of `kind`, of the bodies and paints that `split` owns."""
+        return Look(*look_fields(kind, split, rng, SIZE_SPREAD))
 
     def apply_to(self, actor: Vehicle | Obstacle) -> None:
-        length, width, height = BODIES_M.get(self.body) or SIZES_M[self.body]
+        length, width, height = size_m(self.body)
         actor.body, actor.colour = self.body, self.colour
         actor.LENGTH, actor.WIDTH, actor.HEIGHT = length * self.scale, width * self.scale, height
 

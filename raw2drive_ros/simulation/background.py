@@ -89,9 +89,10 @@ class Background:
     def _class_of(self, ref: LaneRef) -> str:
         if ref in self.own:
             return 'own'
-        if ref[:2] in self.book.road.forward:
+        road = self.book.road
+        if ref[:2] in road.lanes_along(oncoming=False):
             return 'beside'
-        return 'oncoming' if ref[:2] in self.book.road.backward else 'cross'
+        return 'oncoming' if ref[:2] in road.lanes_along(oncoming=True) else 'cross'
 
     def _leads_out(self, ref: LaneRef) -> bool:
         """Whether a car on the lane can go on to the edge of the map, on lanes that it may use."""
@@ -162,7 +163,7 @@ class Background:
             speed,
             speed,
             kind,
-            Look.draw(kind, rng),
+            Look.draw(kind, rng, world.draw.split),
             time_gap_s=float(rng.uniform(1.0, 1.5)),
             course=course,
         )
@@ -177,7 +178,7 @@ class Background:
         lateral = -(self.book.lanes[spot.lane].width / 2 + RIDES_BESIDE_M)
         speed = float(rng.uniform(*CYCLIST_MPS))
         station = course.station_of(spot.lane) + spot.s_m
-        look = Look.draw('cyclist', rng)
+        look = Look.draw('cyclist', rng, world.draw.split)
         actor = PathVehicle(course.path, station, speed, speed, 'cyclist', look, lateral_m=lateral, course=course)
         return self._add(world, actor, self.riders)
 

@@ -58,7 +58,7 @@ def draw_chain(whole: Draw, draws: Sequence[Callable[[Draw], Scene]], length_m: 
             except LayoutError:
                 continue
             road = build_road(scene.layout)
-            links.append(Link(scene, road.forward_path().length_m, road.backward_path().length_m))
+            links.append(Link(scene, road.forward_path().end_s_m, road.backward_path().end_s_m))
             last = index
             break
         else:

@@ -25,6 +25,8 @@ CURVE_MPS2 = 2.5
 BRAKING_MPS2 = 1.8
 # Longest chain of lanes of a course.
 MAX_LANES = 200
+# Names of nodes of on- and off-ramps, and of lanes that end, begin with these.
+SIDE_NODES = ('r', 'x')
 LEFT, AHEAD, RIGHT = 'left', 'ahead', 'right'
 
 LaneRef = tuple[str, str, int]
@@ -90,7 +92,8 @@ class CourseBook:
         for ref, following in self.after.items():
             for other in following:
                 self.before[other].append(ref)
-        self.main = {(*edge, lane) for edge in (*road.forward, *road.backward) for lane in range(self._count(edge))}
+        chain = (*road.lanes_along(oncoming=False), *road.lanes_along(oncoming=True))
+        self.main = {(*edge, lane) for edge in chain for lane in range(self._count(edge))}
         self.arms = {(site_index, node): arm for site_index, node, arm in self._arm_nodes()}
         self.known: dict[tuple[LaneRef, ...], Course] = {}
 
@@ -120,7 +123,7 @@ class CourseBook:
         found = []
         for target, lanes in self.road.network.graph.get(end, {}).items():
             for index, lane in enumerate(lanes):
-                comes_from = getattr(lane, 'from_lane', None)
+                comes_from = lane.from_lane
                 if (index if comes_from is None else comes_from) == wanted and target != start:
                     found.append((end, target, index))
         return tuple(found)
@@ -147,7 +150,7 @@ class CourseBook:
 
     def _is_side(self, ref: LaneRef) -> bool:
         """On- and off-ramps: traffic on them has to change lanes, which a course does not."""
-        return ref[:2] in self.road.ramp or ref[:2] in self.road.exit
+        return ref[0][0] in SIDE_NODES
 
     def turn_of(self, ref: LaneRef) -> str:
         """How a lane turns: left, ahead or right."""

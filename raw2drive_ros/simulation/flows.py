@@ -31,6 +31,8 @@ REACH_M = 170.0
 BEYOND_POINT_M = 40.0
 MOST_AT_ONCE = 30
 SLOWEST_EGO_MPS = 4.0
+# Of IDM in a stream: time gap, gap at a standstill, and largest factor on the speed of those who follow.
+FLOW_GAP_S, IDM_GAP_M, MOST_SLACK = 0.15, 3.0, 1.35
 
 
 def group_times(
@@ -205,18 +207,26 @@ class Flow:
             s_m -= 2.0
         return s_m
 
+    def _following_mps(self, length_m: float) -> float:
+        """The target speed with which IDM keeps the planned distance at the speed of the stream."""
+        speed = self.spec.speed_mps
+        free = max(self.spacing_s * speed - length_m, 0.1)
+        tightness = min((IDM_GAP_M + FLOW_GAP_S * speed) / free, 1.0)
+        return speed * min((1.0 - tightness**2) ** -0.25 if tightness < 1.0 else math.inf, MOST_SLACK)
+
     def _place(self, world: World, rng: Rng, s_m: float) -> bool:
         """Add a vehicle, if its place is free."""
         spec = self.spec
+        look = Look.draw(spec.kind, rng, world.draw.split)
         actor = PathVehicle(
             self.course.path,
             s_m,
             spec.speed_mps,
-            spec.speed_mps * (1.0 if self.leads else IDM_SLACK),
+            spec.speed_mps if self.leads else self._following_mps(look.length_m),
             spec.kind,
-            Look.draw(spec.kind, rng),
+            look,
             lateral_m=spec.lateral_m,
-            time_gap_s=TIGHT_GAP_S,
+            time_gap_s=FLOW_GAP_S,
             course=self.course,
             yields=spec.yields,
             obeys_lights=spec.obeys_lights,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from raw2drive_ros.simulation.courses import LEFT, CourseBook, Crossing, LaneRef
+from raw2drive_ros.simulation.layout import Junction
 from raw2drive_ros.simulation.signals import RED, YELLOW
 
 if TYPE_CHECKING:
@@ -319,14 +320,9 @@ def rank_of(world: World, crossing: Crossing) -> int:
     return 0 if not main or crossing.source_arm in main else 1
 
 
-def main_arms(junction: object) -> tuple[str, ...]:
+def main_arms(junction: Junction) -> tuple[str, ...]:
     """Arms of the road with right of way; () where all are equal."""
-    priority = getattr(junction, 'priority', '')
-    if priority == 'chain':
-        return 'back', getattr(junction, 'turn', 'ahead')
-    if priority == 'cross' or getattr(junction, 'control', 'none') in ('stop', 'yield'):
-        return 'left', 'right'
-    return ()
+    return junction.main_arms()
 
 
 def light_of(world: World, crossing: Crossing) -> str:

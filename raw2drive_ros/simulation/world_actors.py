@@ -12,7 +12,7 @@ from raw2drive_ros.simulation.background import Background
 from raw2drive_ros.simulation.courses import Course, Crossing, LaneRef
 from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.flows import Flow
-from raw2drive_ros.simulation.path import SPACING_M, Path
+from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.right_of_way import main_arms
 from raw2drive_ros.simulation.roads import ARM_TURN_RAD
 from raw2drive_ros.simulation.roadside import Roadside, place_roadside
@@ -130,14 +130,14 @@ class WorldBuilder:
         """The lanes of the route outside of junctions."""
         lanes = {min(max(round(self.scene.route.lane), 0), self.scene.layout.forward_lanes - 1)}
         lanes |= {round(change.to_lane) for change in self.scene.route.changes}
-        return {(*edge, lane) for edge in self.road.forward for lane in lanes}
+        return {(*edge, lane) for edge in self.road.lanes_along(oncoming=False) for lane in lanes}
 
     # -- actors -----------------------------------------------------------------------------------
 
     def actor(self, spec: ActorSpec, rng: Rng) -> Actor:
         """The actor of a specification, not of a flow."""
         assert not isinstance(spec, FlowSpec)
-        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng)
+        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng, self.world.draw.split)
         route = self.world.route
         if isinstance(spec, WalkerSpec):
             return Walker(route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.delay_s, spec.kind, look)
@@ -188,7 +188,7 @@ class WorldBuilder:
             crossing = next(c for c in course.crossings if c.junction == place.junction)
             return course.path, course, crossing.stop_s_m - place.before_m
         x, y, _ = self.road.forward_path_cached().pose(place.at_m)
-        edges = self.road.backward if place.oncoming else self.road.forward
+        edges = self.road.lanes_along(oncoming=place.oncoming)
         ref = min(
             (book.lane(edge, place.lane) for edge in edges),
             key=lambda ref: (book.distance_m(ref, x, y), ref),
@@ -238,8 +238,7 @@ class WorldBuilder:
         own_at, ego_at = np.flatnonzero(own), np.flatnonzero(ego)
         gaps = path.points_m[own_at, None] - route.points_m[None, ego_at]
         i, j = np.unravel_index(np.argmin(np.einsum('abk,abk->ab', gaps, gaps)), (len(own_at), len(ego_at)))
-        own_s_m, ego_s_m = float(own_at[i]) * SPACING_M, float(ego_at[j]) * SPACING_M
-        return own_s_m + getattr(path, 'start_s_m', 0.0), ego_s_m + getattr(route, 'start_s_m', 0.0)
+        return path.station(int(own_at[i])), route.station(int(ego_at[j]))
 
     def _stop_line_s_m(self, spec: TrafficSpec, path: Path) -> float:
         """Arc length of a vehicle's stop line before junction `spec.junction`, on its path."""
@@ -296,7 +295,7 @@ class WorldBuilder:
             if lane.junction < 0 and any(self._blocks(actor, ref) for actor in blocking):
                 avoid.add(ref)
         sides = self._sides(spec)
-        edges = set(self.road.forward) if 'right' not in sides else set(self.road.backward)
+        edges = set(self.road.lanes_along(oncoming='right' in sides))
         background = Background(spec, book, avoid, self._seeds('background'))
         background.prepare(self.own_lanes(), edges if spec.cyclists else set())
         return background
@@ -324,4 +323,6 @@ class WorldBuilder:
                 taken.append(np.array(path.pose(s_m, spec_actor.lateral_m)[:2]))
         sides = self._sides(spec)
         rng = self.world.draw.stream('roadside')
-        return Roadside(place_roadside(self.road, spec, np.array(taken).reshape(-1, 2), sides, rng))
+        return Roadside(
+            place_roadside(self.road, spec, np.array(taken).reshape(-1, 2), sides, rng, self.world.draw.split)
+        )
