@@ -76,6 +76,7 @@ def joined(links: Sequence[Link]) -> Scene:
             lights=found.lights + tuple(replace(x, junction=x.junction + junctions) for x in scene.lights),
             stop_signs=found.stop_signs + tuple(replace(x, junction=x.junction + junctions) for x in scene.stop_signs),
             disturbances=found.disturbances + tuple(replace(x, s_m=x.s_m + begin) for x in scene.disturbances),
+            later_events_s_m=found.later_events_s_m + tuple((a + begin, b + begin) for a, b in scene.events_s_m),
         )
         zebras += [s_m + begin for s_m in scene.layout.zebras_m]
         junctions += sum(isinstance(piece, Junction) for piece in scene.layout.pieces)

@@ -22,6 +22,7 @@ from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
 from raw2drive_ros.simulation.draws import Draw, Rng, rng_for
+from raw2drive_ros.simulation.protocol import PAIRS
 from raw2drive_ros.simulation.renderer import CameraRenderer
 from raw2drive_ros.simulation.reward import Outcome, RewardModel
 from raw2drive_ros.simulation.route_id import RouteId
@@ -38,9 +39,9 @@ CLOCK_START_NS = 1_000_000_000
 class SimulationConfig:
     """image_size: (height, width). supersampling: 1 or 2. imu_noise: standard deviations of accelerometer (m/s2) and
     gyroscope (rad/s). end_on_infraction: end the episode at the first collision, red light or stop sign that was run,
-    as the paper does for training; otherwise the drive goes on after lights and signs, as in Bench2Drive. vary: draw
+    as the paper does for training; otherwise the drive goes on, after collisions too, as in Bench2Drive. vary: draw
     exposure, camera mounting, ground colours and sun anew for every episode (`variation.Variation`); repetitions of a
-    route always do.
+    route always do. protocol: see `simulation.protocol`.
     """
 
     image_size: tuple[int, int] = (96, 160)
@@ -50,6 +51,7 @@ class SimulationConfig:
     imu_noise: tuple[float, float] = (0.0, 0.0)
     end_on_infraction: bool = True
     vary: bool = False
+    protocol: str = PAIRS
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +98,8 @@ class DrivingEnv(AbstractEnv):
     ) -> tuple[Tick, dict[str, Any]]:
         """Start scenario `options['scenario']` (default: LaneFollowing) with `seed` (default: 0).
 
-        options may also hold `weather`, `repetition` and `twin`, see `RouteId`.
+        options may also hold `weather`, `repetition` and `twin`, see `RouteId`, and `time_limit_s`, after which the
+        drive fails; None or nothing: the scene's own, see `criteria.time_limit_s`.
 
         Raises UnknownScenarioError, UnknownWeatherError.
         """
@@ -114,7 +117,7 @@ class DrivingEnv(AbstractEnv):
         self.road = Road(self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32))
         self.controlled_vehicles = [self.world.ego]
         self.noise_rng = draw.rng
-        self.criteria = Criteria()
+        self.criteria = Criteria(chosen.get('time_limit_s'), self.simulation.protocol)
         self.criteria.step(self.world)
         self.rewards = RewardModel(self.world)
         if self.simulation.cameras:
@@ -130,13 +133,14 @@ class DrivingEnv(AbstractEnv):
         tick = self._tick((imu,), (odometry,), first, {})
         return tick, tick.info
 
-    def reset_to(self, route: RouteId) -> tuple[Tick, dict[str, Any]]:
-        """Start a route. Raises UnknownScenarioError, UnknownWeatherError."""
+    def reset_to(self, route: RouteId, time_limit_s: float | None = None) -> tuple[Tick, dict[str, Any]]:
+        """Start a route; time_limit_s: see `reset`. Raises UnknownScenarioError, UnknownWeatherError."""
         options = {
             'scenario': route.type,
             'weather': route.weather,
             'repetition': route.repetition,
             'twin': route.twin,
+            'time_limit_s': time_limit_s,
         }
         return self.reset(seed=route.seed, options=options)
 
@@ -156,9 +160,9 @@ class DrivingEnv(AbstractEnv):
             odometries.append(odometry)
             self.motion.append((*self.world.ego.acceleration_body, self.world.ego.yaw_rate))
         happened = self.criteria.step(self.world)
-        outcome = self.rewards.step(self.world, happened)
+        outcome = self.rewards.step(self.world, happened, self.criteria.step_outside_m)
         self.reward_sum += outcome.reward
-        terminated, truncated = self._ends(outcome, happened)
+        terminated, truncated = self._ends(outcome)
         self.done = terminated or truncated
         transition = Transition(
             self.clock_ns,
@@ -185,7 +189,7 @@ class DrivingEnv(AbstractEnv):
         variation = Variation.draw(rng, len(self.rig)) if varies else NO_VARIATION
         self.renderer.new_world(world, self.weather, variation, rng)
 
-    def _ends(self, outcome: Outcome, happened: list[str]) -> tuple[bool, bool]:
+    def _ends(self, outcome: Outcome) -> tuple[bool, bool]:
         """(terminated, truncated)."""
         assert self.world is not None
         if outcome.truncated or self.criteria.finished(self.world):
@@ -194,8 +198,7 @@ class DrivingEnv(AbstractEnv):
             if outcome.terminal:
                 return True, False
             return False, bool(self.criteria.failure)
-        collided = any(name.startswith('collision') for name in happened)
-        return collided or bool(self.criteria.failure), False
+        return bool(self.criteria.failure), False
 
     def _sample(self, stamp_ns: int) -> tuple[ImuSample, OdometrySample]:
         assert self.world is not None

@@ -149,7 +149,11 @@ class StopSignSpec:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """One draw of a scenario: the complete specification that a `World` is built from."""
+    """One draw of a scenario: the complete specification that a `World` is built from.
+
+    event_s_m: (begin, end) of the stretch of the route where the event happens, which the ego has to leave in time
+    (`criteria.SCENARIO_S`). later_events_s_m: those of the other scenes of a chain.
+    """
 
     layout: RoadLayout
     route: RouteSpec = RouteSpec()
@@ -158,6 +162,13 @@ class Scene:
     stop_signs: tuple[StopSignSpec, ...] = ()
     time_limit_s: float | None = None
     disturbances: tuple[DisturbanceSpec, ...] = ()
+    event_s_m: tuple[float, float] | None = None
+    later_events_s_m: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def events_s_m(self) -> tuple[tuple[float, float], ...]:
+        """Every stretch with an event."""
+        return ((self.event_s_m,) if self.event_s_m is not None else ()) + self.later_events_s_m
 
 
 def no_extra_rule(world: World) -> str | None:

@@ -11,6 +11,7 @@ import numpy as np
 from raw2drive_ros.contracts.errors import LayoutError
 from raw2drive_ros.contracts.public import Control, Float64
 from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, fork_of
+from raw2drive_ros.simulation.contact import Contact, resolve_contacts
 from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
@@ -51,7 +52,7 @@ class World:
 
     draw: of the scene's parameters. start_rng: changes the start a little, for repetitions of a route.
     detour_offsets_m: (N,) lateral offset of the reference detour around obstacles from the route, at each point of the
-    route; 0 without an obstacle.
+    route; 0 without an obstacle. contacts: of the ego with actors so far, one per physics step and actor.
     """
 
     def __init__(
@@ -72,6 +73,7 @@ class World:
         self.goal_s_m = self.route.length_m - start.end_before_m
         self.time_s = 0.0
         self.physics_ticks, self.stride = 0, 1
+        self.contacts: tuple[Contact, ...] = ()
         self.lights = [self._light(spec) for spec in self.scene.lights]
         self.stop_signs = [self._stop_sign(spec.junction) for spec in self.scene.stop_signs]
         self.actors: list[Actor] = []
@@ -110,6 +112,7 @@ class World:
         self.time_s = self.physics_ticks / PHYSICS_HZ
         self.actors = [actor for actor in self.actors if not actor.gone]
         self._spawn_due_traffic()
+        self.contacts += resolve_contacts(self, dt)
         self.route_s_m, self.route_lateral_m = self.route.project(
             float(self.ego.position[0]), float(self.ego.position[1]), self.route_s_m
         )
