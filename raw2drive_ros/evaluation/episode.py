@@ -53,6 +53,8 @@ def result_of(env: DrivingEnv, *, bench2drive_compat: bool = False) -> RouteResu
         reward=env.reward_sum,
         efficiency=efficiency_percent(criteria.traffic_speed_percents(), bench2drive_compat=bench2drive_compat),
         comfort=comfort_percent(np.array(env.motion).reshape(-1, 3), bench2drive_compat=bench2drive_compat),
+        limit_s=criteria.limit_s(env.world),
+        needless_stop_s=criteria.needless_stop_s,
     )
 
 
@@ -75,14 +77,15 @@ def drive_route(
     max_ticks: int | None = None,
     *,
     bench2drive_compat: bool = False,
+    time_limit_s: float | None = None,
 ) -> Drive:
-    """Drive a route to its end, or for `max_ticks`."""
+    """Drive a route to its end, or for `max_ticks`; time_limit_s: that of the suite, None for the scene's own."""
     factory = RosbagsFactory()
     # Configured as the gate node in lock-step: silence is measured in ROS time, limits and stops are the shipped ones.
     config = load_gate_config()
     gate = Gate(config.gate_limits(load_timing()), config.motion_limits(), steady=False, simulated=True)
     driver.reset(driver_seed(route))
-    tick, _ = env.reset_to(route)
+    tick, _ = env.reset_to(route, time_limit_s)
     drive = Drive(result_of(env, bench2drive_compat=bench2drive_compat))
     while not env.done and (max_ticks is None or len(drive.controls) < max_ticks):
         started = time.perf_counter()

@@ -120,7 +120,9 @@ def _impact(world: World, row: int, normal: Vector, depth_m: float, dt: float) -
     place = (float(ego.position[0]), float(ego.position[1]))
     contact = Contact(actor, world.time_s, place, abs(ego.speed), max(0.0, closing))
     if closing > 0.0 and not (mass < LIGHT_KG and _touched_just_now(world, actor)):
-        common = 0.0 if math.isinf(mass) else (EGO_KG * _dot(before, normal) + mass * _dot(its, normal)) / (EGO_KG + mass)
+        common = (
+            0.0 if math.isinf(mass) else (EGO_KG * _dot(before, normal) + mass * _dot(its, normal)) / (EGO_KG + mass)
+        )
         _set_ego_speed(world, before, normal, common, dt)
         if isinstance(actor, PathVehicle):
             change = common - _dot(its, normal)

@@ -27,7 +27,7 @@ from raw2drive_ros.tables.rates import DECISION_HZ
 
 __all__ = ['LANE_TOLERANCE_M', 'Criteria', 'on_road', 'route_deviation_m', 'time_limit_s']
 
-# As in Bench2Drive: not counted are collisions of a standing ego, with the same actor soon after, and near the last one.
+# As in Bench2Drive, collisions of a standing ego, with the same actor soon after, or near the last one do not count.
 COLLISION_MEMORY_S = 5.0
 COLLISION_APART_M = 5.0
 COLLISION_SPEED_MPS = 0.1
