@@ -20,7 +20,7 @@ STANDING_MPS = 0.3
 MOVING_MPS = 0.5
 HAZARD_M = 20.0
 # Moving traffic is a reason to stand where it comes within `HAZARD_M` in this time.
-APPROACH_S = 3.0
+APPROACH_S = 5.0
 CORRIDOR_M = 2.0
 BESIDE_M = 5.0
 # At a stop sign, after the stop, a driver may look for traffic for so long.

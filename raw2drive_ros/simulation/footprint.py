@@ -7,6 +7,8 @@ per direction, who keeps the line between two of them under the car for longer t
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from raw2drive_ros.contracts.public import Float64
@@ -54,19 +56,26 @@ def allowed(world: World, points_m: Float64) -> np.ndarray:
 
 
 def straddles(world: World) -> bool:
-    """Whether the ego has a line between two lanes of its direction under it, away from junctions and obstacles."""
-    lanes = world.scene.layout.forward_lanes
-    if lanes < 2 or world.lateral_range_m(world.route_s_m) != (0.0, 0.0):
+    """Whether the ego has a line between two lanes of its direction under it, away from junctions and where
+    the way past an obstacle runs there."""
+    lanes, width = world.scene.layout.forward_lanes, lane_width_m(world)
+    if lanes < 2 or _way_is_between_lanes(world, width):
         return False
     reference = world.road.forward_path_cached()
     s_m, _ = reference.project(float(world.ego.position[0]), float(world.ego.position[1]))
     if any(site.entry_s_m <= s_m <= site.exit_s_m for site in world.road.junctions):
         return False
     _, laterals = reference.project_many(ego_corners_m(world), s_m, SEARCH_M)
-    width = lane_width_m(world)
     lines = width / 2 - width * np.arange(1, lanes)
     right, left = laterals.min() + LINE_TOLERANCE_M, laterals.max() - LINE_TOLERANCE_M
     return bool(((lines > right) & (lines < left)).any())
+
+
+def _way_is_between_lanes(world: World, width_m: float) -> bool:
+    """Whether the way past an obstacle keeps between two lanes here."""
+    return any(
+        abs(math.remainder(offset, width_m)) > LINE_TOLERANCE_M for offset in world.lateral_range_m(world.route_s_m)
+    )
 
 
 def _along_route(world: World, points_m: Float64) -> np.ndarray:
