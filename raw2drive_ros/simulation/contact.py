@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from raw2drive_ros.contracts.public import Float64
-from raw2drive_ros.simulation.actors import Actor, PathVehicle, StandingObject, corners_m
+from raw2drive_ros.simulation.actors import Actor, PathVehicle, StandingObject
+from raw2drive_ros.simulation.ego import EgoVehicle
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.world import World
@@ -28,9 +28,11 @@ CAR_KG = 1500.0
 LIGHT_KG = 200.0
 # Kinds that are driven over.
 FLAT = ('debris',)
-NEAR_M = 8.0
+# From centre to centre: half the length of the ego and of the longest actor, and how far they move in one step.
+NEAR_M = 10.0
 # Boxes end this far apart, so that touching is not overlapping.
 SLOP_M = 1e-3
+# Passes over all actors near, until none overlaps.
 PASSES = 4
 # Contacts with one actor that follow this closely are one.
 SAME_S = 0.15
@@ -55,21 +57,21 @@ def resolve_contacts(world: World, dt: float) -> tuple[Contact, ...]:
 
     Call it before `World.refresh`, whose last arrays hold the poses before this step.
     """
+    rows = _near(world)
+    if not rows:
+        return ()
     found: dict[int, Contact] = {}
     for _ in range(PASSES):
         touched = False
-        for row in _near(world):
-            actor = world.actors[row]
-            hit = penetration(world, actor)
-            if hit is None:
-                continue
-            touched = True
-            contact = _impact(world, row, *hit, dt)
-            found.setdefault(row, contact)
+        for row in rows:
+            hit = penetration(world, world.actors[row])
+            if hit is not None:
+                touched = True
+                found.setdefault(row, _impact(world, row, *hit, dt))
         if not touched:
             break
     else:
-        _back_off(world)
+        _back_off(world, rows)
     return tuple(found.values())
 
 
@@ -81,34 +83,44 @@ def has_contact(world: World, since_s: float = -math.inf) -> bool:
 def penetration(world: World, actor: Actor) -> tuple[Vector, float] | None:
     """(unit normal from the ego to the actor, depth in metres) where they overlap, else None.
 
-    The normal is the axis on which the boxes were apart most recently at their present speeds; without an approach,
+    The normal is the axis on which the boxes were apart until this moment, at their present speeds; where no axis was,
     that of the least overlap.
     """
-    own, other = _box(world.ego), _box(actor)
+    ego = world.ego
+    dx, dy = float(actor.position[0] - ego.position[0]), float(actor.position[1] - ego.position[1])
     ego_v, actor_v = _ego_velocity(world), _velocity(actor)
     best, best_key = None, (math.inf, math.inf)
-    for yaw in (world.ego.heading, world.ego.heading + math.pi / 2, actor.heading, actor.heading + math.pi / 2):
-        axis = np.array((math.cos(yaw), math.sin(yaw)))
-        mine, its = own @ axis, other @ axis
-        ahead, behind = float(mine.max() - its.min()), float(its.max() - mine.min())
-        if ahead < 0.0 or behind < 0.0:
+    for turn in (ego.heading, ego.heading + math.pi / 2, actor.heading, actor.heading + math.pi / 2):
+        x, y = math.cos(turn), math.sin(turn)
+        apart = dx * x + dy * y
+        depth = _reach_m(ego, turn) + _reach_m(actor, turn) - abs(apart)
+        if depth < 0.0:
             return None
-        sign, depth = (1.0, ahead) if ahead <= behind else (-1.0, behind)
-        normal = (sign * float(axis[0]), sign * float(axis[1]))
+        normal = (x, y) if apart >= 0.0 else (-x, -y)
         closing = _dot(ego_v, normal) - _dot(actor_v, normal)
-        key = (depth / closing if closing > SLOWEST_MPS else math.inf, depth)
+        # How long ago they met on this axis.
+        since_s = depth / closing if closing > SLOWEST_MPS else math.inf
+        key = (since_s if since_s < SAME_S else math.inf, depth)
         if key < best_key:
             best, best_key = (normal, depth), key
     return best
 
 
 def _near(world: World) -> list[int]:
-    x, y = (float(v) for v in world.ego.position)
-    return [
-        row
-        for row, actor in enumerate(world.actors)
-        if abs(actor.position[0] - x) < NEAR_M and abs(actor.position[1] - y) < NEAR_M and actor.kind not in FLAT
-    ]
+    """Rows of the actors that may touch the ego, by where they were before this step; a new one comes in far away."""
+    between = world.positions[:-1] - world.positions[-1]
+    near = np.flatnonzero(np.einsum('ij,ij->i', between, between) < NEAR_M**2)
+    if not len(near):
+        return []
+    before = world.history[0][0]
+    wanted = {id(before[i]) for i in near.tolist()}
+    return [i for i, actor in enumerate(world.actors) if id(actor) in wanted and actor.kind not in FLAT]
+
+
+def _reach_m(box: Actor | EgoVehicle, turn: float) -> float:
+    """Half the extent of a box along an axis."""
+    part = box.heading - turn
+    return float(abs(box.LENGTH * math.cos(part)) + abs(box.WIDTH * math.sin(part))) / 2
 
 
 def _impact(world: World, row: int, normal: Vector, depth_m: float, dt: float) -> Contact:
@@ -167,12 +179,12 @@ def _push(world: World, row: int, by: Vector) -> None:
         actor.lateral_m += aside
 
 
-def _back_off(world: World) -> None:
+def _back_off(world: World, rows: list[int]) -> None:
     """The ego is squeezed between others: it stays where it was before this step, and those that move give way."""
     ego = world.ego
     ego.position[:] = world.positions[-1]
     ego.heading, ego.speed, ego.yaw_rate = float(world.headings[-1]), 0.0, 0.0
-    for row in _near(world):
+    for row in rows:
         hit = None if math.isinf(_mass_kg(world.actors[row])) else penetration(world, world.actors[row])
         if hit is not None:
             normal, depth = hit
@@ -203,10 +215,6 @@ def _ego_velocity(world: World) -> Vector:
 
 def _velocity(actor: Actor) -> Vector:
     return actor.speed * math.cos(actor.heading), actor.speed * math.sin(actor.heading)
-
-
-def _box(actor: Actor) -> Float64:
-    return corners_m(float(actor.position[0]), float(actor.position[1]), actor.heading, actor.LENGTH, actor.WIDTH)
 
 
 def _dot(a: Vector, b: Vector) -> float:
