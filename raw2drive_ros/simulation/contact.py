@@ -75,6 +75,12 @@ def resolve_contacts(world: World, dt: float) -> tuple[Contact, ...]:
     return tuple(found.values())
 
 
+def key_of(actor: Actor) -> int:
+    """The actor's number in its world, or what stands for it where actors have none."""
+    number = int(getattr(actor, 'number', -1))
+    return number if number >= 0 else id(getattr(actor, 'root', actor))
+
+
 def has_contact(world: World, since_s: float = -math.inf) -> bool:
     """Whether the ego has touched an actor after time `since_s`."""
     return bool(world.contacts) and world.contacts[-1].time_s > since_s
@@ -167,8 +173,9 @@ def _push(world: World, row: int, by: Vector) -> None:
     """Move an actor. Standing objects are shared with forks of the world, so it is a copy that moves."""
     actor = world.actors[row]
     if isinstance(actor, StandingObject):
+        root = getattr(actor, 'root', actor)
         actor = world.actors[row] = copy.copy(actor)
-        actor.position = np.array(actor.position, float)
+        actor.root, actor.position = root, np.array(actor.position, float)
     actor.position[0] += by[0]
     actor.position[1] += by[1]
     if isinstance(actor, PathVehicle):
@@ -197,7 +204,7 @@ def _touched_just_now(world: World, actor: Actor) -> bool:
     for contact in reversed(world.contacts):
         if contact.time_s < world.time_s - SAME_S:
             return False
-        if contact.actor is actor:
+        if key_of(contact.actor) == key_of(actor):
             return True
     return False
 

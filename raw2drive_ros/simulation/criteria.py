@@ -19,7 +19,7 @@ from raw2drive_ros.simulation.conduct import (
     forces_braking,
     has_reason_to_stand,
 )
-from raw2drive_ros.simulation.contact import Contact
+from raw2drive_ros.simulation.contact import Contact, key_of
 from raw2drive_ros.simulation.footprint import LANE_CHANGE_M, LANE_TOLERANCE_M, on_road, straddles
 from raw2drive_ros.simulation.protocol import BENCH2DRIVE, PAIRS
 from raw2drive_ros.simulation.world import World
@@ -28,6 +28,8 @@ from raw2drive_ros.tables.rates import DECISION_HZ
 __all__ = ['LANE_TOLERANCE_M', 'Criteria', 'on_road', 'route_deviation_m', 'time_limit_s']
 
 # As in Bench2Drive, collisions of a standing ego, with the same actor soon after, or near the last one do not count.
+# Who leans on a car that has hit it has not collided with it: contacts that follow this closely are one.
+LEANING_S = 0.5
 COLLISION_MEMORY_S = 5.0
 COLLISION_APART_M = 5.0
 COLLISION_SPEED_MPS = 0.1
@@ -71,6 +73,7 @@ class Criteria:
     start_s_m: float | None = None
     blocked_s: float = 0.0
     contacts_seen: int = 0
+    touched_at_s: dict[int, float] = field(default_factory=dict)
     collided_at_s: dict[int, float] = field(default_factory=dict)
     collided_at_m: tuple[float, float] | None = None
     lights_run: set[int] = field(default_factory=set)
@@ -176,8 +179,10 @@ class Criteria:
 
     def _counts(self, contact: Contact) -> bool:
         """Whether a contact is a collision of its own; then it is kept in mind."""
-        key = _key_of(contact.actor)
-        if contact.ego_speed_mps < COLLISION_SPEED_MPS:
+        key = key_of(contact.actor)
+        begins = contact.time_s - self.touched_at_s.get(key, -math.inf) > LEANING_S
+        self.touched_at_s[key] = contact.time_s
+        if not begins or contact.ego_speed_mps < COLLISION_SPEED_MPS:
             return False
         if contact.actor.kind == 'cone' and contact.impact_mps < CONE_MPS:
             return False
@@ -193,7 +198,7 @@ class Criteria:
         x, y = (float(v) for v in world.ego.position)
         before = self.places_m[0] if self.places_m else (x, y)
         self.places_m.append((x, y))
-        keys = [_key_of(actor) for actor in world.actors if forces_braking(world, actor, before)]
+        keys = [key_of(actor) for actor in world.actors if forces_braking(world, actor, before)]
         new = [key for key in keys if key not in self.forced]
         self.forced.update(new)
         return ['forced_braking'] * len(new)
@@ -253,12 +258,6 @@ def loose_limit_s(world: World) -> float:
     if world.route.length_m < SHORT_ROUTE_M:
         return TICK_LIMIT_S
     return ROUTE_LIMIT_S + world.route.length_m / (ROUTE_LIMIT_SHARE * world.scene.layout.speed_limit_mps)
-
-
-def _key_of(actor: Actor) -> int:
-    """The actor's number in its world, or what stands for it where actors have none."""
-    number = int(getattr(actor, 'number', -1))
-    return number if number >= 0 else id(actor)
 
 
 def _is_car(actor: Actor) -> bool:
