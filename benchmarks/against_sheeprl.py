@@ -45,7 +45,6 @@ import torch
 from benchmarks.sheeprl_steps import gflop, parameter_count, timed
 from benchmarks.training_step import random_batch
 from raw2drive_ros.contracts.actions import ACTION_COUNT
-from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.training.config import RunConfig
 from raw2drive_ros.training.privileged import PrivilegedTrainer
 
@@ -87,7 +86,7 @@ def their_sizes(config: RunConfig, threads: int) -> dict[str, Any]:
     conv_width = m.grid_features * m.grid**2 // (LAST_WIDTH * SMALLEST_IMAGE**2)
     sizes |= {'batch': t.batch, 'length': t.length, 'horizon': t.horizon, 'threads': threads}
     sizes |= {'side': m.mask_size, 'channels': len(m.mask_classes), 'conv_width': conv_width, 'layers': m.head_layers}
-    return sizes | {'actions': ACTION_COUNT, 'ego': EGO_SIZE}
+    return sizes | {'actions': ACTION_COUNT, 'ego': m.ego_size}
 
 
 def our_parameters(trainer: PrivilegedTrainer) -> dict[str, int]:

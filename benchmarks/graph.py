@@ -19,7 +19,7 @@ from raw2drive_ros.graph.processes import reserve_domain
 from raw2drive_ros.settings import default_bundle
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.tables.vector_layout import EGO_SIZE, VECTOR_SIZE
+from raw2drive_ros.tables.vector_layout import VECTOR_SIZE
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.streams import RawWorldModel
@@ -29,7 +29,7 @@ def untrained_bundle(folder: Path, size: tuple[int, int]) -> Path:
     """A nano policy with random weights for images of size (H, W)."""
     config = make_config('nano').model.model_copy(update={'image_size': size})
     rig = camera_rig(*size)
-    model = RawWorldModel(config, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT)
+    model = RawWorldModel(config, rig, VECTOR_SIZE, config.ego_size, ACTION_COUNT)
     save_bundle(folder / 'bundle', config, rig, model, Actor(config, ACTION_COUNT), {'untrained': True})
     return folder / 'bundle'
 

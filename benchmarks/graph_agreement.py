@@ -22,7 +22,15 @@ def main() -> int:
     options = parser.parse_args()
     suite = load_suite(options.suite)
     spec = DriverSpec(options.driver, default_bundle())
-    graph = evaluate_graph(spec, suite.name, suite.version, suite.routes, Conditions(), None, lambda done, row: None)
+    graph = evaluate_graph(
+        spec,
+        suite.name,
+        suite.version,
+        suite.routes,
+        Conditions(limits_s=suite.limits_s(suite.routes)),
+        None,
+        lambda done, row: None,
+    )
     alone = evaluate(spec, suite.name, suite.version, suite.routes)
     for one, other in zip(graph['routes'], alone['routes'], strict=True):
         scores = f'{one["driving_score"]:6.1f} {other["driving_score"]:6.1f}'

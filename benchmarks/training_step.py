@@ -28,7 +28,6 @@ os.environ.setdefault('GOMP_SPINCOUNT', '30000')
 import torch
 
 from raw2drive_ros.contracts.actions import ACTION_COUNT
-from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.training import losses
 from raw2drive_ros.training.config import make_config
 from raw2drive_ros.training.privileged import PrivilegedTrainer
@@ -51,7 +50,7 @@ def random_batch(trainer: PrivilegedTrainer) -> Batch:
     first = torch.zeros(b, length, dtype=torch.bool)
     first[:, 0] = True
     ones = torch.ones(b, length)
-    ego, vector = torch.rand(b, length, EGO_SIZE), torch.zeros(b, length, 1)
+    ego, vector = torch.rand(b, length, m.ego_size), torch.zeros(b, length, 1)
     return Batch(masks, ego, vector, action, ones, ones, first, action, None)
 
 

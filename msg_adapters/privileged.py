@@ -1,4 +1,5 @@
-"""Privileged topics: BEV masks, ego vector, transitions. For training only; the planner cannot import this."""
+"""Privileged topics: BEV masks, ego vector, signals, transitions, advice. For training only; the planner cannot import
+this. The actors are in `msg_adapters.privileged_actors`."""
 
 from __future__ import annotations
 
@@ -15,13 +16,20 @@ from msg_adapters.stamps import set_stamp, stamp_ns
 from raw2drive_ros.contracts.errors import ContractError
 from raw2drive_ros.contracts.privileged import (
     BEV_SHAPE,
+    Advice,
     PrivilegedFrame,
     Transition,
     check_advice,
     check_bev,
     check_ego,
+    check_signals,
 )
-from raw2drive_ros.tables.vector_layout import EGO_FIELDS
+from raw2drive_ros.tables.vector_layout import (
+    BASIC_EGO_FIELDS,
+    EGO_FIELDS,
+    ROUTE_ERROR_FIELDS,
+    SIGNAL_FIELDS,
+)
 
 _FORMAT = re.compile(r'bev_bits; shape=(\d+)x(\d+)x(\d+); packing=channel_major_msb_first')
 _TERM_PREFIX = 'reward/'
@@ -29,7 +37,9 @@ _TERM_PREFIX = 'reward/'
 
 def bev_to_message(factory: MessageFactory, bev: NDArray[np.bool_], time_ns: int) -> Any:
     """(C, H, W) masks as one bit each; `format` names the shape and the packing."""
-    packed = np.packbits(bev.reshape(bev.shape[0], -1), axis=1)
+    # Per channel; where channels are whole bytes that is the same as all at once, which is faster.
+    whole = bev[0].size % 8 == 0
+    packed = np.packbits(bev) if whole else np.packbits(bev.reshape(bev.shape[0], -1), axis=1)
     message = factory.new('sensor_msgs/msg/CompressedImage')
     set_stamp(message.header.stamp, time_ns)
     message.header.frame_id = BASE_FRAME
@@ -57,14 +67,34 @@ def bev_from_message(message: Any) -> NDArray[np.bool_]:
 
 def ego_to_message(factory: MessageFactory, frame: PrivilegedFrame) -> Any:
     """The ego vector as a JointState with the names `EGO_FIELDS`, in `base_link`."""
-    values = dict(zip(EGO_FIELDS, (float(v) for v in frame.ego), strict=True))
+    # A frame of an old bag has the first five.
+    values = dict(zip(EGO_FIELDS, (float(v) for v in frame.ego), strict=False))
     return named_values_to_message(factory, values, frame.stamp_ns, BASE_FRAME)
 
 
 def ego_from_message(message: Any) -> NDArray[np.float32]:
-    """(5,) in the order of `EGO_FIELDS`. Raises ContractError where a field is missing or out of range."""
-    values = named_values_from_message(message, *EGO_FIELDS)
-    return check_ego(np.array([values[name] for name in EGO_FIELDS], np.float32))
+    """(7,) in the order of `EGO_FIELDS`, (5,) where the message is of an old bag, which has no `ROUTE_ERROR_FIELDS`.
+
+    Raises ContractError where a field is missing or out of range.
+    """
+    values = named_values_from_message(message, *BASIC_EGO_FIELDS)
+    old = not any(name in values for name in ROUTE_ERROR_FIELDS)
+    fields = BASIC_EGO_FIELDS if old else EGO_FIELDS
+    if missing := [name for name in fields if name not in values]:
+        raise ContractError(f'ego vector: missing {", ".join(missing)}')
+    return check_ego(np.array([values[name] for name in fields], np.float32))
+
+
+def signals_to_message(factory: MessageFactory, signals: NDArray[np.float32], time_ns: int) -> Any:
+    """The signals as a JointState with the names `SIGNAL_FIELDS`, in `base_link`."""
+    values = dict(zip(SIGNAL_FIELDS, (float(v) for v in signals), strict=True))
+    return named_values_to_message(factory, values, time_ns, BASE_FRAME)
+
+
+def signals_from_message(message: Any) -> NDArray[np.float32]:
+    """(11,) in the order of `SIGNAL_FIELDS`. Raises ContractError where a field is missing or impossible."""
+    values = named_values_from_message(message, *SIGNAL_FIELDS)
+    return check_signals(np.array([values[name] for name in SIGNAL_FIELDS], np.float32))
 
 
 def privileged_from_messages(bev: Any, ego: Any) -> PrivilegedFrame:
@@ -75,15 +105,20 @@ def privileged_from_messages(bev: Any, ego: Any) -> PrivilegedFrame:
     return PrivilegedFrame(time_ns, bev_from_message(bev), ego_from_message(ego))
 
 
-def advice_to_message(factory: MessageFactory, action: int, time_ns: int) -> Any:
-    """The expert's action for the frame of that stamp."""
-    return named_values_to_message(factory, {'action': float(action)}, time_ns, BASE_FRAME)
+def advice_to_message(factory: MessageFactory, advice: Advice) -> Any:
+    """The expert's action for the frame of that stamp; its reason, if it says one, is the header's frame_id."""
+    return named_values_to_message(
+        factory, {'action': float(advice.action)}, advice.stamp_ns, advice.reason or BASE_FRAME
+    )
 
 
-def advice_from_message(message: Any) -> tuple[int, int]:
-    """(stamp in ns, action). Raises ContractError where the field is missing or no action of the table."""
+def advice_from_message(message: Any) -> Advice:
+    """Raises ContractError where the field is missing or no action of the table, or for an impossible reason."""
     action = named_values_from_message(message, 'action')['action']
-    return stamp_ns(message.header.stamp), check_advice(action)
+    reason = str(message.header.frame_id)
+    # Without a reason, and in old bags, it is the frame.
+    reason = '' if reason == BASE_FRAME else reason
+    return Advice(stamp_ns(message.header.stamp), check_advice(action), reason).validate()
 
 
 def transition_to_message(factory: MessageFactory, transition: Transition, episode: str) -> Any:

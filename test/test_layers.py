@@ -68,8 +68,12 @@ def test_rooms_of_one_floor_do_not_know_each_other(known) -> None:
 
 
 def test_the_only_circle_is_one_of_types(known) -> None:
-    """World, actors, leaders, scripts and scenario name each other's types; nothing of it runs at import time."""
-    world = {f'raw2drive_ros.simulation.{name}' for name in ('actors', 'leaders', 'scenario', 'scripts', 'world')}
+    """The world and its traffic name each other's types; nothing of it runs at import time."""
+    names = (
+        *('actors', 'background', 'ego_route', 'flows', 'free_space', 'leaders', 'right_of_way', 'roadside'),
+        *('scenario', 'scripts', 'world', 'world_actors'),
+    )
+    world = {f'raw2drive_ros.simulation.{name}' for name in names}
     assert circles(known, at_once=False) == [world]
     assert circles(known, at_once=True) == []
     planted = known | {'msg_adapters.stamps': 'import msg_adapters.sensors'}
@@ -175,11 +179,13 @@ def test_the_process_of_a_node_loads_no_more_than_it_needs(node, unneeded) -> No
     [
         'raw2drive_ros.contracts.privileged',
         'msg_adapters.privileged',
+        'msg_adapters.privileged_actors',
         'raw2drive_ros.simulation.world',
         'raw2drive_ros.training.privileged',
         'raw2drive_ros.recording.bag_reader',
         'raw2drive_ros.world_model.teacher',
         'raw2drive_ros.world_model.mask_codec',
+        'raw2drive_ros.world_model.privileged_inputs',
     ],
 )
 def test_the_planner_process_cannot_import_privileged_code(module) -> None:

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.contracts.errors import UsageError
-    from raw2drive_ros.report.dream import dream, overlaps, save_dream, ticks_around
+    from raw2drive_ros.report.dream import dream, overlaps, reasons_of, save_dream, ticks_around
     from raw2drive_ros.settings import default_teacher
     from raw2drive_ros.world_model.teacher import load_teacher
 
@@ -35,11 +35,12 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError('--at: give 0 or more; --seconds: more than 0')
     if options.out.suffix.lower() != '.mp4':
         raise UsageError(f'--out {options.out}: give a name that ends in .mp4')
-    ticks, begins = ticks_around(options.bag, options.at, options.seconds)
     if options.training_run is None and not default_teacher().is_dir():
         raise UsageError(f'give --run: the shipped teacher is not at {default_teacher()}')
     teacher = load_teacher(options.training_run or default_teacher())
+    ticks, begins = ticks_around(options.bag, options.at, options.seconds, teacher.config)
     found = dream(teacher, ticks, begins, own_actions=options.own_actions)
+    found.reasons = reasons_of(options.bag, ticks)
     print(f'{save_dream(options.out, found, list(teacher.config.mask_classes))}: {ticks[begins].episode}')
     imagined, posterior = (overlaps(found, name) for name in ('imagined', 'posterior'))
     shown = sorted({after for after in (0.5, 1.0, 2.0, 4.0, 8.0) if after < max(imagined)} | {max(imagined)})

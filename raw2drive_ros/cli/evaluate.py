@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from raw2drive_ros.cli.deprecation import warn_old
 from raw2drive_ros.cli.driver_options import refuse_for_drivers
 from raw2drive_ros.cli.parser import at_least, note, refuse
-from raw2drive_ros.cli.route_options import add_route_arguments, chosen_routes
+from raw2drive_ros.cli.route_options import add_route_arguments, chosen_limits, chosen_references, chosen_routes
 from raw2drive_ros.evaluation.drivers import DRIVERS, driver_help, driver_list
 from raw2drive_ros.simulation.protocol import BENCH2DRIVE, PAIRS, PROTOCOLS
 
@@ -124,6 +124,8 @@ def _drive(
         bench2drive_compat=options.bench2drive_compat,
         observe=observe,
         filmstrips=filmstrips,
+        limits_s=chosen_limits(options, routes),
+        references_s=chosen_references(options, routes),
         protocol=options.protocol,
     )
     with bar('evaluating', len(routes), 'routes') as advance:

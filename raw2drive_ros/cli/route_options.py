@@ -63,3 +63,22 @@ def chosen_routes(options: argparse.Namespace) -> tuple[str, str, list[RouteId]]
         routes = [replace(route, weather=options.weather) for route in routes]
         name = f'{name}/{options.weather}'
     return name, suite.version, [replace(r, repetition=i) for i in range(options.seeds or 1) for r in routes]
+
+
+def chosen_limits(options: argparse.Namespace, routes: list[RouteId]) -> dict[RouteId, float]:
+    """The time limits (s) that the suite sets for these routes; nothing without one. Raises UnknownSuiteError."""
+    from raw2drive_ros.evaluation.suites import load_suite
+
+    return {} if options.suite is None else load_suite(options.suite).limits_s(routes)
+
+
+def chosen_references(options: argparse.Namespace, routes: list[RouteId]) -> dict[RouteId, float]:
+    """The times (s) of the driver that the suite's limits were set from; nothing without one. Raises
+    UnknownSuiteError."""
+    from raw2drive_ros.evaluation.suites import load_suite
+
+    if options.suite is None:
+        return {}
+    suite = load_suite(options.suite)
+    found = {route: suite.reference_s(route) for route in routes}
+    return {route: seconds for route, seconds in found.items() if seconds is not None}

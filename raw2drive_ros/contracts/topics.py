@@ -18,7 +18,10 @@ COMMAND = '/control/command'
 STATUS = '/vehicle/status'
 AUTONOMY = '/vehicle/autonomy'
 BEV = '/privileged/bev'
+BEV_VISIBLE = '/privileged/bev_visible'
 EGO = '/privileged/ego'
+SIGNALS = '/privileged/signals'
+ACTORS = '/privileged/actors'
 TRANSITION = '/privileged/transition'
 ADVICE = '/privileged/advice'
 DIAGNOSTICS = '/diagnostics'
@@ -102,7 +105,8 @@ ON_CHANGE = 0
 class TopicSpec:
     """One row: message type, rate in Hz (or ON_CHANGE), QoS, publisher, and what it carries (prose for the document).
 
-    optional: not always present: it replaces another topic when a parameter says so, or exists in collected bags only.
+    optional: not always present: it replaces another topic when a parameter says so, exists in collected bags only, or
+    came later than bags that are still read.
     stamped: the message begins with a stamp, its own or that of its header.
     """
 
@@ -245,12 +249,39 @@ TOPICS: tuple[TopicSpec, ...] = (
         carries='43 x 128 x 128 masks, one bit each, packed per channel',
     ),
     TopicSpec(
+        name=BEV_VISIBLE,
+        msgtype='sensor_msgs/msg/CompressedImage',
+        rate_hz=DECISION_HZ,
+        qos=PRIVILEGED_QOS,
+        publisher=Publisher.SIMULATION,
+        carries='the same masks, the dynamic ones only of what the cameras have shown within the last 2 s',
+        optional=True,
+    ),
+    TopicSpec(
         name=EGO,
         msgtype='sensor_msgs/msg/JointState',
         rate_hz=DECISION_HZ,
         qos=PRIVILEGED_QOS,
         publisher=Publisher.SIMULATION,
-        carries='ego vector as named values',
+        carries='ego vector as named values; lateral offset and heading error from the route are missing in old bags',
+    ),
+    TopicSpec(
+        name=SIGNALS,
+        msgtype='sensor_msgs/msg/JointState',
+        rate_hz=DECISION_HZ,
+        qos=PRIVILEGED_QOS,
+        publisher=Publisher.SIMULATION,
+        carries='light and signs that govern the ego, as far as seen, and the speed limit, as named values',
+        optional=True,
+    ),
+    TopicSpec(
+        name=ACTORS,
+        msgtype='sensor_msgs/msg/PointCloud2',
+        rate_hz=DECISION_HZ,
+        qos=PRIVILEGED_QOS,
+        publisher=Publisher.SIMULATION,
+        carries='a point per actor, light and sign: class, box, velocity, pixels per camera, seconds since seen',
+        optional=True,
     ),
     TopicSpec(
         name=TRANSITION,
@@ -266,7 +297,7 @@ TOPICS: tuple[TopicSpec, ...] = (
         rate_hz=DECISION_HZ,
         qos=PRIVILEGED_QOS,
         publisher=Publisher.COLLECTOR,
-        carries='action that the expert would take now, whoever drives (`raw2drive collect --advice`)',
+        carries='action that the expert would take now, whoever drives (`collect --advice`); frame_id holds its reason',
         optional=True,
     ),
     TopicSpec(

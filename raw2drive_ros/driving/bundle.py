@@ -32,7 +32,7 @@ from raw2drive_ros.contracts.actions import ACTION_COUNT, table_hash
 from raw2drive_ros.contracts.errors import BundleError, ContractError
 from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.driving.preprocessing import REACHED_AHEAD_M
-from raw2drive_ros.tables.vector_layout import CHECKPOINT_SCALE_M, EGO_SIZE, VECTOR_FIELDS, VECTOR_SIZE
+from raw2drive_ros.tables.vector_layout import CHECKPOINT_SCALE_M, VECTOR_FIELDS, VECTOR_SIZE
 from raw2drive_ros.world_model.actor_critic import Actor
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.parameter_budget import parameter_budget
@@ -144,7 +144,7 @@ def load_bundle(path: Path) -> Bundle:
         config = ModelConfig(**body['config'])
         rig = _rig_from_json(body['rig'])
         with parameter_budget(path / WEIGHTS, MAX_WEIGHT_BYTES):
-            model = RawWorldModel(config, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT, tuple(body['heads']))
+            model = RawWorldModel(config, rig, VECTOR_SIZE, config.ego_size, ACTION_COUNT, tuple(body['heads']))
             actor = Actor(config, ACTION_COUNT)
         model.load_state_dict(part_of(tensors, 'model'))
         actor.load_state_dict(part_of(tensors, 'actor'))

@@ -12,15 +12,17 @@ from raw2drive_ros.contracts.errors import PrivilegedImportError
 
 FORBIDDEN = (
     'msg_adapters.privileged',
+    'msg_adapters.privileged_actors',
     'raw2drive_ros.contracts.privileged',
     'raw2drive_ros.simulation',
     'raw2drive_ros.training',
     'raw2drive_ros.evaluation',
     'raw2drive_ros.recording',
-    # The privileged networks, what reads their runs, and the codec of the masks that they see.
+    # The privileged networks, what reads their runs, the codec of the masks that they see, and their inputs.
     'raw2drive_ros.world_model.teacher',
     'raw2drive_ros.world_model.run_files',
     'raw2drive_ros.world_model.mask_codec',
+    'raw2drive_ros.world_model.privileged_inputs',
 )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from raw2drive_ros.evaluation.drivers import make_driver
+from raw2drive_ros.evaluation.drivers import SIGHTLESS, make_driver
 from raw2drive_ros.evaluation.episode_driver import BlindfoldedDriver, EpisodeDriver
 from raw2drive_ros.evaluation.table_actions import through_table
 from raw2drive_ros.settings import default_teacher
@@ -40,5 +40,9 @@ class DriverSpec:
             from raw2drive_ros.world_model.teacher import teacher_identity
 
             weights = teacher_identity(self.run or default_teacher())
+        elif self.name in SIGHTLESS:
+            from raw2drive_ros.evaluation.cheats import tuned_identity
+
+            weights = tuned_identity()
         options = ['blind'] * self.blind + ['table'] * self.table
         return ' '.join(filter(None, (self.name, weights, *options)))

@@ -60,9 +60,15 @@ def _privileged(options: DriverOptions) -> EpisodeDriver:
 
 
 def _expert(options: DriverOptions) -> EpisodeDriver:
-    from raw2drive_ros.evaluation.world_drivers import expert_driver
+    from raw2drive_ros.evaluation.expert import ExpertDriver
 
-    return expert_driver()
+    return ExpertDriver()
+
+
+def _oracle(options: DriverOptions) -> EpisodeDriver:
+    from raw2drive_ros.evaluation.world_drivers import oracle_driver
+
+    return oracle_driver()
 
 
 def _rule(options: DriverOptions) -> EpisodeDriver:
@@ -97,6 +103,27 @@ def _random(options: DriverOptions) -> EpisodeDriver:
     return SensorDriver(RandomDriver(), cameras=False)
 
 
+def _sightless(name: str) -> Callable[[DriverOptions], EpisodeDriver]:
+    def make(options: DriverOptions) -> EpisodeDriver:
+        from raw2drive_ros.evaluation.cheats import sightless_driver
+
+        return sightless_driver(name)
+
+    return make
+
+
+# What must not win, see `cheats`: name -> line for people.
+SIGHTLESS = {
+    'creep': 'cheat: slow, feels 7 m ahead, obeys lights and stop signs',
+    'wait': 'cheat: waits at the start, then drives at the limit, blind',
+    'crawl': 'cheat: one speed, blind',
+    'straddle_left': 'cheat: 2.15 m left of the route, blind',
+    'straddle_right': 'cheat: 2.15 m right of the route, blind',
+    'blind': 'cheat: route and speed limit alone, stops at turns',
+    'memoriser': "cheat: repeats the expert's drive through the nearest training scene, blind",
+    'profile': 'cheat: the best speed profile laid down in advance, blind',
+    'script': 'cheat: of all these the one that wins most training routes of the type',
+}
 DRIVERS = {
     'raw': DriverEntry(
         _raw,
@@ -108,12 +135,14 @@ DRIVERS = {
     'privileged': DriverEntry(
         _privileged, 'the stage-1 policy on BEV masks', table=True, reads=('run', 'noise', 'threads')
     ),
-    'expert': DriverEntry(_expert, 'tries its plans out in forks of the simulation'),
+    'expert': DriverEntry(_expert, 'plans on what has been visible, without knowing the future'),
+    'oracle': DriverEntry(_oracle, 'tries its plans out in forks of the simulation: it knows the future'),
     'rule': DriverEntry(_rule, 'rules on the simulation: leaders, conflicts, lights, signs', reads=('noise',)),
     'idm': DriverEntry(_idm, 'IDM and MOBIL on the simulation'),
     'constant': DriverEntry(_constant, 'a constant speed along the route, whatever is ahead'),
     'straight': DriverEntry(_straight, 'gentle throttle, wheel straight'),
     'random': DriverEntry(_random, 'uniform random actions'),
+    **{name: DriverEntry(_sightless(name), about) for name, about in SIGHTLESS.items()},
 }
 DRIVER_NAMES = tuple(DRIVERS)
 
@@ -125,7 +154,7 @@ def driver_help() -> str:
 
 def driver_list() -> str:
     """Every driver with its line, for the end of a verb's `--help`."""
-    return 'drivers:\n' + '\n'.join(f'  {name:11s} {entry.about}' for name, entry in DRIVERS.items())
+    return 'drivers:\n' + '\n'.join(f'  {name:14s} {entry.about}' for name, entry in DRIVERS.items())
 
 
 def driver_entry(name: str) -> DriverEntry:

@@ -69,6 +69,12 @@ def as_received(factory: MessageFactory, tick: Tick) -> SensorFrame:
     return dataclasses.replace(tick.sensors, odometry=odometry)
 
 
+def lock_step_gate() -> Gate:
+    """Configured as the gate node in lock-step: silence is measured in ROS time, limits and stops are as shipped."""
+    config = load_gate_config()
+    return Gate(config.gate_limits(load_timing()), config.motion_limits(), steady=False, simulated=True)
+
+
 def drive_route(
     env: DrivingEnv,
     driver: EpisodeDriver,
@@ -81,9 +87,7 @@ def drive_route(
 ) -> Drive:
     """Drive a route to its end, or for `max_ticks`; time_limit_s: that of the suite, None for the scene's own."""
     factory = RosbagsFactory()
-    # Configured as the gate node in lock-step: silence is measured in ROS time, limits and stops are the shipped ones.
-    config = load_gate_config()
-    gate = Gate(config.gate_limits(load_timing()), config.motion_limits(), steady=False, simulated=True)
+    gate = lock_step_gate()
     driver.reset(driver_seed(route))
     tick, _ = env.reset_to(route, time_limit_s)
     drive = Drive(result_of(env, bench2drive_compat=bench2drive_compat))

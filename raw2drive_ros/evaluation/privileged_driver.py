@@ -13,6 +13,7 @@ from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.world_model.agent import Observation, RecurrentAgent
 from raw2drive_ros.world_model.distributions import sample_classes
 from raw2drive_ros.world_model.mask_codec import MaskCodec
+from raw2drive_ros.world_model.privileged_inputs import masks_of, vector_of
 from raw2drive_ros.world_model.teacher import load_teacher
 
 # With noise: the share of episodes that have it; bursts of one random action last less than BURST_TICKS.
@@ -28,7 +29,7 @@ class PrivilegedDriver:
     def __init__(self, run: Path, noise: float = 0.0) -> None:
         teacher = load_teacher(run)
         self.agent = RecurrentAgent(teacher.model, teacher.policy.actor)
-        self.codec = MaskCodec(teacher.config)
+        self.config, self.codec = teacher.config, MaskCodec(teacher.config)
         self.noise = noise
 
     def reset(self, seed: int) -> None:
@@ -39,8 +40,9 @@ class PrivilegedDriver:
 
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert tick.privileged is not None
-        masks = self.codec.unpack(self.codec.pack(tick.privileged.bev)[None])
-        observation = Observation(torch.from_numpy(masks).float(), torch.from_numpy(tick.privileged.ego)[None])
+        masks = self.codec.unpack(self.codec.pack(masks_of(tick.privileged, self.config))[None])
+        vector = torch.from_numpy(vector_of(tick.privileged, self.config))[None]
+        observation = Observation(torch.from_numpy(masks).float(), vector)
         choice, self.state = self.agent.step(observation, self.state)
         action = int(choice.action)
         if self.sampled:

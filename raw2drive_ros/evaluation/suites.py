@@ -1,82 +1,116 @@
-"""Suites: versioned lists of routes in `params/suites/`, and how they are drawn.
+"""Suites: versioned lists of routes in `params/suites/`.
 
-A route is a scenario type, a seed and a weather. Evaluation suites use seeds below `VALIDATION_SEED_START`, training
-suites seeds from `TRAIN_SEED_START` on; checkpoints are selected on the seeds between them.
+A route is a scenario type, a seed and a weather. A type that is paired has two drives per route, the event and its
+twin; a pair is won by who succeeds on both. Suites of format 3 hold the time limit of every drive (`LimitRule`).
+Evaluation suites use seeds below `VALIDATION_SEED_START`, training suites seeds from `TRAIN_SEED_START` on; checkpoints
+are selected on the seeds between them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from raw2drive_ros.bounds import read_json
-from raw2drive_ros.contracts.errors import UnfairScenarioError, UnknownScenarioError, UnknownSuiteError
+from raw2drive_ros.contracts.errors import RouteIdError, UnknownScenarioError, UnknownSuiteError
 from raw2drive_ros.contracts.near_names import unknown_name
-from raw2drive_ros.evaluation.expert import Plan, follow, hits
+from raw2drive_ros.evaluation.suite_plans import EVENT, TWIN
 from raw2drive_ros.settings import params_folder
-from raw2drive_ros.simulation.actors import StandingObject, boxes_overlap, corners_m
-from raw2drive_ros.simulation.draws import TRAIN_SEED_START, VALIDATION_SEED_START, Draw
 from raw2drive_ros.simulation.route_id import RouteId
-from raw2drive_ros.simulation.scenario import get_scenario, load_scenarios
-from raw2drive_ros.simulation.weather import WEATHER_NAMES
-from raw2drive_ros.simulation.world import World
-from raw2drive_ros.tables.rates import DECISION_HZ, SUBSTEPS
+from raw2drive_ros.simulation.scenario import get_scenario
 
-ROLLOUT_S = 20.0
-CHECK_EVERY_TICKS = 3
-DRAW_LIMIT = 60
-PRACTICE = ('LaneFollowing', 'JunctionTurns', 'LongRoute')
-# Bench2Drive's ten types for quick evaluations (spec 4.7).
-DEV10 = (
-    'ParkingExit',
-    'ParkingCrossingPedestrian',
-    'StaticCutIn',
-    'HazardAtSideLane',
-    'YieldToEmergencyVehicle',
-    'ConstructionObstacleTwoWays',
-    'NonSignalizedJunctionLeftTurn',
-    'BlockedIntersection',
-    'SequentialLaneChange',
-    'SignalizedJunctionLeftTurnEnterFlow',
-)
+FORMAT = 3
+DriveKey = tuple[str, int, bool]
+
+
+@dataclass(frozen=True, slots=True)
+class LimitRule:
+    """A drive's time limit: `factor` times the reference driver's own time, plus `extra_s`."""
+
+    factor: float = 1.25
+    extra_s: float = 5.0
+
+    def limit_s(self, reference_s: float) -> float:
+        return round(self.factor * reference_s + self.extra_s, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """limit_s: after which the drive fails. reference_s: the time of the driver that it was set from."""
+
+    limit_s: float
+    reference_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """One route of a suite with its drives: event and twin, or the only one."""
+
+    type: str
+    seed: int
+    drives: tuple[RouteId, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """A named, versioned list of routes."""
+    """A named, versioned list of drives. partners: unseen type -> seen type that it is compared with."""
 
     name: str
     version: str
     routes: tuple[RouteId, ...]
+    timings: Mapping[DriveKey, Timing] = field(default_factory=dict)
+    partners: Mapping[str, str] = field(default_factory=dict)
+
+    def limit_s(self, route: RouteId) -> float | None:
+        """Time limit of a drive in any weather and repetition; None where the scene's own holds."""
+        timing = self.timings.get(key_of(route))
+        return timing.limit_s if timing is not None else None
+
+    def reference_s(self, route: RouteId) -> float | None:
+        """Time (s) that the reference driver took for a drive; None where it is not known."""
+        timing = self.timings.get(key_of(route))
+        return timing.reference_s if timing is not None else None
+
+    def limits_s(self, routes: Iterable[RouteId]) -> dict[RouteId, float]:
+        """The limits of those of the routes that have one."""
+        found = {route: self.limit_s(route) for route in routes}
+        return {route: limit for route, limit in found.items() if limit is not None}
+
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        """The drives by route, in the order of the suite."""
+        drives: dict[tuple[str, int], list[RouteId]] = {}
+        for route in self.routes:
+            drives.setdefault((route.type, route.seed), []).append(route)
+        return tuple(Pair(kind, seed, tuple(found)) for (kind, seed), found in drives.items())
 
 
-@dataclass(frozen=True, slots=True)
-class SuitePlan:
-    """How a suite is drawn: `per_type` routes of each type, from `first_seed` on."""
-
-    types: tuple[str, ...]
-    per_type: int
-    first_seed: int
+def key_of(route: RouteId) -> DriveKey:
+    """What a time limit belongs to: not to weather and repetition."""
+    return route.type, route.seed, route.twin
 
 
-def benchmark_types() -> tuple[str, ...]:
-    """The 44 types of Bench2Drive."""
-    return tuple(name for name in load_scenarios() if name not in PRACTICE)
+def limits_text(limits_s: Mapping[RouteId, float]) -> str:
+    """Time limits as one line, for a parameter of a node; `limits_of_text` reads it."""
+    return ','.join(f'{route}={limit_s!r}' for route, limit_s in limits_s.items())
 
 
-def suite_plans() -> dict[str, SuitePlan]:
-    """Name of each shipped suite -> how it is drawn."""
-    types = benchmark_types()
-    return {
-        'b2d220': SuitePlan(types, 5, 0),
-        'dev10': SuitePlan(DEV10, 1, 0),
-        'long': SuitePlan(('LongRoute',), 12, 0),
-        'validation': SuitePlan(types, 2, VALIDATION_SEED_START),
-        'train': SuitePlan(types, 24, TRAIN_SEED_START),
-    }
+def limits_of_text(text: str) -> dict[RouteId, float]:
+    """'A/1=31.5,B-twin/2/FogNoon=20' -> time limit (s) by route. Raises RouteIdError, UnknownWeatherError."""
+    limits_s: dict[RouteId, float] = {}
+    for part in filter(None, map(str.strip, text.split(','))):
+        route, _, seconds = part.rpartition('=')
+        try:
+            limit_s = float(seconds)
+        except ValueError:
+            limit_s = math.nan
+        if not limit_s > 0.0:
+            raise RouteIdError(f'time limit {part!r} is not of the form ROUTE=SECONDS')
+        limits_s[RouteId.parse(route)] = limit_s
+    return limits_s
 
 
 def suite_folder() -> Path:
@@ -93,83 +127,67 @@ def load_suite(name: str) -> Suite:
     """A shipped suite, or the file at path `name`. Raises UnknownSuiteError."""
     path = Path(name) if name.endswith('.json') else suite_folder() / f'{name}.json'
     try:
-        body = read_json(path)
-        routes = tuple(RouteId.parse(f'{kind}/{rest}') for kind, places in body['routes'].items() for rest in places)
-        suite = Suite(str(body['name']), str(body['version']), routes)
+        return _suite_of(read_json(path))
     except FileNotFoundError as error:
         text = unknown_name('suite', name, suite_names(), ', or the path of a .json file')
         raise UnknownSuiteError(text) from error
+    except UnknownScenarioError as error:
+        raise UnknownSuiteError(f'{path}: {error}') from error
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UnknownSuiteError(f'{path}: not a suite: {type(error).__name__}: {error}') from error
-    for kind in {route.type for route in suite.routes}:
-        try:
-            get_scenario(kind)
-        except UnknownScenarioError as error:
-            raise UnknownSuiteError(f'{path}: {error}') from error
-    return suite
 
 
-def draw_suite(
-    plan: SuitePlan, on_route: Callable[[int], None] = lambda done: None
-) -> tuple[dict[str, list[str]], int]:
-    """({type: ['seed/weather', ...]}, number of rejected draws). on_route: called with the number of routes so far.
-
-    Raises UnfairScenarioError for a type of which `DRAW_LIMIT` draws are rejected, see `is_fair`.
-    """
-    found: dict[str, list[str]] = {}
-    rejected = done = 0
-    for kind in plan.types:
-        places: list[str] = []
-        seed = plan.first_seed
-        while len(places) < plan.per_type:
-            if is_fair(kind, seed):
-                places.append(f'{seed}/{weather_of(kind, seed)}')
-                done += 1
-                on_route(done)
-            else:
-                rejected += 1
-            if seed - plan.first_seed - len(places) >= DRAW_LIMIT:
-                raise UnfairScenarioError(f'{kind}: {DRAW_LIMIT} draws rejected; its actors crash among themselves')
-            seed += 1
-        found[kind] = places
-    return found, rejected
+def drives_of(kind: str, wanted: Iterable[str] = (EVENT, TWIN)) -> tuple[str, ...]:
+    """Which of the wanted drives a type has. Raises UnknownScenarioError."""
+    paired = get_scenario(kind).paired
+    return tuple(drive for drive in wanted if paired or drive == EVENT)
 
 
-def weather_of(kind: str, seed: int) -> str:
-    """Name of a route's weather: in order of the presets from seed to seed, offset by five from type to type."""
-    number = list(load_scenarios()).index(kind)
-    return WEATHER_NAMES[(5 * number + seed) % len(WEATHER_NAMES)]
+def _suite_of(body: Any) -> Suite:
+    """Raises ValueError, KeyError, TypeError, AttributeError, UnknownScenarioError."""
+    if int(body.get('format', 2)) > FORMAT:
+        raise ValueError(f'format {body["format"]}; this version reads up to {FORMAT}')
+    wanted = tuple(body.get('drives', (EVENT, TWIN)))
+    if not wanted or not set(wanted) <= {EVENT, TWIN}:
+        raise ValueError(f'drives: {wanted}, not of {EVENT} and {TWIN}')
+    routes: list[RouteId] = []
+    timings: dict[DriveKey, Timing] = {}
+    for kind, places in body['routes'].items():
+        drives = drives_of(kind, wanted)
+        for place in places:
+            if isinstance(place, str):
+                # Format 2: SEED/WEATHER, single drives.
+                routes.append(RouteId.parse(f'{kind}/{place}'))
+                continue
+            found = [RouteId.parse(f'{kind}{"-twin" * (drive == TWIN)}/{_place(place)}') for drive in drives]
+            routes += found
+            timings |= {key_of(route): timing for route, timing in zip(found, _timings(place, drives), strict=False)}
+    if len(set(routes)) < len(routes):
+        raise ValueError('a route is listed twice')
+    partners = {str(unseen): str(seen) for unseen, seen in body.get('partners', {}).items()}
+    return Suite(str(body['name']), str(body['version']), tuple(routes), timings, partners)
 
 
-def is_fair(kind: str, seed: int) -> bool:
-    """Whether no actor overlaps the ego at the start, and no actors collide with each other before the ego does."""
-    world = World(get_scenario(kind), Draw(kind, seed))
-    if hits(world, margin_m=0.5):
-        return False
-    for tick in range(round(ROLLOUT_S * DECISION_HZ)):
-        if tick % CHECK_EVERY_TICKS == 0 and _actors_touch(world):
-            return False
-        control = follow(world, Plan(0.8))
-        for _ in range(SUBSTEPS):
-            world.step(control)
-        if hits(world, margin_m=0.0) or world.goal_s_m - world.route_s_m < 10.0:
-            return True
-    return True
+def _place(entry: Mapping[str, Any]) -> str:
+    seed = entry['seed']
+    if type(seed) is not int:
+        raise ValueError(f'seed {seed!r} is not a whole number')
+    return f'{seed}/{entry["weather"]}'
 
 
-def _actors_touch(world: World) -> bool:
-    """Whether two actors overlap, of which at least one is not a standing object."""
-    count = len(world.actors)
-    if count < 2:
-        return False
-    reach = np.hypot(world.half_lengths[:-1], world.half_widths[:-1])
-    place = world.positions[:-1]
-    apart = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1)) - reach[:, None] - reach[None]
-    for i, j in zip(*np.nonzero(np.triu(apart < 0.0, 1)), strict=True):
-        a, b = world.actors[i], world.actors[j]
-        if isinstance(a, StandingObject) and isinstance(b, StandingObject):
-            continue
-        boxes = [corners_m(float(c.position[0]), float(c.position[1]), c.heading, c.LENGTH, c.WIDTH) for c in (a, b)]
-        if boxes_overlap(*boxes):
-            return True
-    return False
+def _timings(entry: Mapping[str, Any], drives: tuple[str, ...]) -> list[Timing]:
+    """One per drive, or none where the file sets no limits."""
+    if 'limit_s' not in entry:
+        return []
+    limits = _seconds(entry['limit_s'], drives)
+    references = _seconds(entry['reference_s'], drives) if 'reference_s' in entry else [None] * len(drives)
+    return [Timing(limit, reference) for limit, reference in zip(limits, references, strict=True)]
+
+
+def _seconds(values: Any, drives: tuple[str, ...]) -> list[float]:
+    if not isinstance(values, list) or len(values) != len(drives):
+        raise ValueError(f'{values!r}: not a time for each of {", ".join(drives)}')
+    for value in values:
+        if type(value) not in (int, float) or not 0.0 < value < math.inf:
+            raise ValueError(f'{value!r} is not a time in seconds')
+    return [float(value) for value in values]

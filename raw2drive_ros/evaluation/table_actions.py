@@ -12,10 +12,11 @@ import dataclasses
 import numpy as np
 
 from raw2drive_ros.contracts.actions import ACTIONS, BRAKE_ACTION
+from raw2drive_ros.contracts.privileged import MAX_REASON_CHARACTERS
 from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
+from raw2drive_ros.contracts.texts import shown
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
-from raw2drive_ros.evaluation.expert import REPLAN_TICKS
-from raw2drive_ros.evaluation.world_drivers import expert_driver
+from raw2drive_ros.evaluation.world_drivers import oracle_driver
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
 
@@ -29,7 +30,15 @@ STEER_PER_MPS2 = 0.08
 BRAKING_MPS2 = 1.2
 STANDING_MPS = 0.3
 BURST_TICKS = 7
-ASKED_TICKS = REPLAN_TICKS
+# Of this many ticks in a row an adviser is asked each time.
+ASKED_TICKS = 4
+# Keys of `Decision.info`: why the driver does it (a text; any driver may say it), an expert's action, and its reason.
+REASON, ADVICE, ADVICE_REASON = 'reason', 'advice', 'advice_reason'
+
+
+def reason_of(decision: Decision) -> str:
+    """Why the driver decided so: the rule and whom it minds, one line for people; '' where it does not say."""
+    return shown(decision.info.get(REASON, ''))[:MAX_REASON_CHARACTERS]
 
 
 def table_action(world: World, wanted: Control) -> int:
@@ -63,19 +72,22 @@ class TableActionDriver:
 
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert env.world is not None
-        action = advice = table_action(env.world, self.inner.control(env, frame, tick).control)
+        wanted = self.inner.control(env, frame, tick)
+        action = advice = table_action(env.world, wanted.control)
         if self.burst == 0 and self.chance and self.rng.random() < self.chance:
             self.burst, self.random_action = int(self.rng.integers(1, BURST_TICKS)), int(self.rng.choice(ROLLING))
         if self.burst > 0:
             self.burst -= 1
             action = self.random_action
-        return Decision(frame.stamp_ns, ACTIONS[action], action, info={'advice': advice} if self.advises else {})
+        info = wanted.info | ({ADVICE: advice, ADVICE_REASON: reason_of(wanted)} if self.advises else {})
+        return Decision(frame.stamp_ns, ACTIONS[action], action, info=info)
 
 
 def through_table(name: str, driver: EpisodeDriver, noise: float = 0.0) -> TableActionDriver:
-    """The driver that `--table` makes of a named one; the expert plans coarsely and notes its choice as advice."""
-    is_expert = name == 'expert'
-    return TableActionDriver(expert_driver(coarse=True) if is_expert else driver, noise, advises=is_expert)
+    """The driver that `--table` makes of a named one. The expert notes its choice as advice; the oracle plans coarsely."""
+    return TableActionDriver(
+        oracle_driver(coarse=True) if name == 'oracle' else driver, noise, advises=name == 'expert'
+    )
 
 
 class AdvisedDriver:
@@ -100,6 +112,9 @@ class AdvisedDriver:
         assert env.world is not None
         asked = self.ticks % self.every < ASKED_TICKS
         self.ticks += 1
-        advice = table_action(env.world, self.adviser.control(env, frame, tick).control) if asked else -1
+        advised = self.adviser.control(env, frame, tick) if asked else None
         decision = self.inner.control(env, frame, tick)
-        return dataclasses.replace(decision, info=decision.info | {'advice': advice}) if asked else decision
+        if advised is None:
+            return decision
+        advice = {ADVICE: table_action(env.world, advised.control), ADVICE_REASON: reason_of(advised)}
+        return dataclasses.replace(decision, info=decision.info | advice)

@@ -9,7 +9,8 @@ import numpy as np
 
 from msg_adapters.compressed import compressed_image_to_message
 from msg_adapters.factory import MessageFactory
-from msg_adapters.privileged import bev_to_message, ego_to_message, transition_to_message
+from msg_adapters.privileged import bev_to_message, ego_to_message, signals_to_message, transition_to_message
+from msg_adapters.privileged_actors import actor_fields, actors_to_message
 from msg_adapters.sensors import (
     BASE_FRAME,
     IMU_FRAME,
@@ -39,6 +40,7 @@ class TickMessages:
         self.factory = factory
         self.rig = rig
         self.compressed = compressed
+        self.actor_fields = actor_fields(factory)
         self.images = {c.name: new_image(factory, c.name, c.height, c.width) for c in rig}
 
     def latched(self, stamp_ns: int) -> Iterator[Addressed]:
@@ -83,9 +85,20 @@ class TickMessages:
             yield topics.image_topic(camera.name), tick.stamp_ns, message
 
     def privileged(self, tick: Tick, episode: str) -> Iterator[Addressed]:
-        if tick.privileged is not None:
-            frame = tick.privileged
-            yield topics.BEV, tick.stamp_ns, bev_to_message(self.factory, frame.bev, tick.stamp_ns)
-            yield topics.EGO, tick.stamp_ns, ego_to_message(self.factory, frame)
+        """Masks, vectors and actors, as far as they were computed, and the transition."""
+        factory, stamp_ns, frame = self.factory, tick.stamp_ns, tick.privileged
+        if frame is not None:
+            masks = bev_to_message(factory, frame.bev, stamp_ns)
+            yield topics.BEV, stamp_ns, masks
+            yield topics.EGO, stamp_ns, ego_to_message(factory, frame)
+            if frame.bev_visible is not None:
+                same = frame.bev_visible is frame.bev
+                seen = masks if same else bev_to_message(factory, frame.bev_visible, stamp_ns)
+                yield topics.BEV_VISIBLE, stamp_ns, seen
+            if frame.signals is not None:
+                yield topics.SIGNALS, stamp_ns, signals_to_message(factory, frame.signals, stamp_ns)
+            if frame.actors is not None:
+                fields = self.actor_fields
+                yield topics.ACTORS, stamp_ns, actors_to_message(factory, frame.actors, stamp_ns, fields)
         message = transition_to_message(self.factory, tick.transition, episode)
         yield topics.TRANSITION, tick.stamp_ns, message

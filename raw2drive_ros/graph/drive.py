@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,8 @@ POLL_S = 0.3
 class GraphJob:
     """out: folder for everything. max_ticks: end each route after that; 0: never. bundle: of the planner; without one
     the bridge's `sim_driver` (of stage-1 run `run`) drives. record: to `out`/bag. faults: (file of plans, plan) for a
-    fault injector between vehicle, planner and gate. protocol: see `simulation.protocol`."""
+    fault injector between vehicle, planner and gate. limits_s: time limits of routes; the others have their scene's
+    own. protocol: see `simulation.protocol`."""
 
     out: Path
     routes: tuple[RouteId, ...]
@@ -42,6 +43,7 @@ class GraphJob:
     record: bool = True
     bench2drive_compat: bool = False
     faults: tuple[str, str] | None = None
+    limits_s: Mapping[RouteId, float] = field(default_factory=dict)
     protocol: str = PAIRS
 
 
@@ -79,6 +81,7 @@ def drive_graph(
 
 def _start(graph: Graph, job: GraphJob) -> None:
     from raw2drive_ros.contracts import topics
+    from raw2drive_ros.evaluation.suites import limits_text
     from raw2drive_ros.faults.plan import load_plans, remapping
 
     out, routes = job.out, ','.join(map(str, job.routes))
@@ -101,6 +104,7 @@ def _start(graph: Graph, job: GraphJob) -> None:
         graph.start('planner', planner | {'image_transport': job.image_transport}, remap=heard)
     bridge = {
         'episodes': routes,
+        'time_limits': limits_text({route: s for route, s in job.limits_s.items() if route in job.routes}),
         'sim_driver': job.sim_driver,
         'sim_driver_run': str(job.run.resolve()) if job.run else '',
         'bench2drive_compat': job.bench2drive_compat,
@@ -198,6 +202,7 @@ def evaluate_graph(
                 image_size=conditions.image_size,
                 record=False,
                 bench2drive_compat=conditions.bench2drive_compat,
+                limits_s=conditions.limits_s,
                 protocol=conditions.protocol,
             )
             with interruptible(spec.name, suite, version, file, [], conditions.protocol):

@@ -32,6 +32,7 @@ from raw2drive_ros.evaluation.episode import as_received, driver_seed, result_of
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.results import append_row
 from raw2drive_ros.evaluation.statistics import timing_of
+from raw2drive_ros.evaluation.suites import limits_of_text
 from raw2drive_ros.evaluation.tick_messages import TickMessages
 from raw2drive_ros.nodes.command_wait import CommandWait
 from raw2drive_ros.nodes.diagnostics import DiagnosticsPublisher
@@ -51,6 +52,7 @@ from raw2drive_ros.timing import load_timing
 ODOMETRY_ONLY = ('safety_gate', 'command_adapter')
 PARAMETERS: dict[str, tuple[Any, str]] = {
     'episodes': ('', 'comma list of TYPE/SEED[/WEATHER[/REPETITION]]; empty: endless, see scenario'),
+    'time_limits': ('', "comma list of ROUTE=SECONDS; episodes that are not in it have their scene's own limit"),
     'scenario': ('LaneFollowing', 'scenario type for ~/reset and for endless driving'),
     'seed': (0, 'seed for ~/reset and for endless driving'),
     'weather': (CLEAR, 'weather for ~/reset and for endless driving'),
@@ -88,6 +90,7 @@ class BridgeNode(Node):
             raise NodeError('image_height and image_width must be positive')
         self.compressed = wants_compressed(p['image_transport'])
         self.queue = _parse_episodes(p['episodes'])
+        self.limits_s = limits_of_text(p['time_limits'])
         self.endless = not self.queue or bool(p['loop'])
         self.sim_driver = _sim_driver(p['sim_driver'], p['sim_driver_run'])
         cameras = self.sim_driver is None or self.sim_driver.needs_cameras
@@ -145,7 +148,7 @@ class BridgeNode(Node):
         self._write_results()
 
     def _drive(self, route: RouteId, index: int) -> None:
-        tick, _ = self.env.reset_to(route)
+        tick, _ = self.env.reset_to(route, self.limits_s.get(route))
         self.episode = str(route)
         if self.sim_driver is not None:
             self.sim_driver.reset(driver_seed(route))

@@ -17,7 +17,15 @@ from raw2drive_ros.recording.bag_checks import metadata_against_storage
 from raw2drive_ros.recording.bag_info import bag_info
 from raw2drive_ros.recording.bag_reader import open_bag, read_calibrations
 from raw2drive_ros.recording.clock_doctor import clock_complaints
-from raw2drive_ros.recording.ticks import TickCounts, checked, checked_messages, read_advice, read_ticks
+from raw2drive_ros.recording.ticks import (
+    EXTRAS,
+    PRIVILEGED,
+    TickCounts,
+    checked,
+    checked_messages,
+    read_advice,
+    read_ticks,
+)
 
 Severity = Literal['error', 'warning', 'note']
 ORDER = ('error', 'warning', 'note')
@@ -42,7 +50,7 @@ def examine(path: Path) -> list[Complaint]:
     except BagError as error:
         return [Complaint('error', str(error), f'raw2drive bag recover {path} --out NEW')]
     rows = {row['topic']: row for row in info['topics']}
-    found = [*_missing(rows), *_rates(rows), *_ticks(path, rows)]
+    found = [*_missing(rows), *_extras(rows), *_rates(rows), *_ticks(path, rows)]
     found += [Complaint(*finding) for finding in clock_complaints(path)]
     found += [Complaint('warning', text, 'raw2drive bag recover') for text in metadata_against_storage(path)]
     if not info['provenance']:
@@ -70,6 +78,20 @@ def _missing(rows: dict[str, dict]) -> list[Complaint]:
     return found
 
 
+def _extras(rows: dict[str, dict]) -> list[Complaint]:
+    """What the simulator of today publishes with every tick, and this bag lacks, or holds of some ticks only."""
+    ticks = rows[topics.BEV]['messages'] if topics.BEV in rows else 0
+    found = []
+    if ticks and (absent := [name for name in EXTRAS if name not in rows]):
+        text = f'no {", ".join(absent)}: of an older simulator, or driven without visibility'
+        found.append(Complaint('note', text, 'collect anew for models that read them'))
+    for name in EXTRAS:
+        if ticks and name in rows and rows[name]['messages'] < ticks:
+            text = f'{name}: {rows[name]["messages"]} messages for {ticks} of {topics.BEV}'
+            found.append(Complaint('warning', text, 'models that read it do not use the other ticks'))
+    return found
+
+
 def _rates(rows: dict[str, dict]) -> list[Complaint]:
     found = []
     for name, row in rows.items():
@@ -86,12 +108,13 @@ def _ticks(path: Path, rows: dict[str, dict]) -> list[Complaint]:
     """Problems that the readers of training and replay find, with their own verdicts and counts."""
     found = []
     cameras = [name for name in rows if name.startswith('/sensing/camera/') and '/image_raw' in name]
-    held = {topics.BEV, topics.EGO, topics.TRANSITION} & set(rows)
-    privileged, counts, factory = len(held) == 3, TickCounts(), RosbagsFactory()
+    held = set(PRIVILEGED) & set(rows)
+    privileged, counts, factory = len(held) == len(PRIVILEGED), TickCounts(), RosbagsFactory()
+    alone = set(EXTRAS) & set(rows) | (set() if privileged else held)
     try:
         with open_bag(path) as reader:
             read_advice(reader, factory, counts.verdicts)
-            for topic, _, message in checked_messages(reader, factory, set() if privileged else held, counts.verdicts):
+            for topic, _, message in checked_messages(reader, factory, alone, counts.verdicts):
                 checked(topic, message, counts.verdicts)
             calibrated = len(read_calibrations(reader, factory))
             for _ in read_ticks(reader, path, cameras=bool(cameras), privileged=privileged, counts=counts):

@@ -119,7 +119,9 @@ def begin_ns(reader: Reader) -> int:
 
 def decoded(factory: RosbagsFactory, reader: Reader, connection: Any, data: bytes) -> Any:
     """The deserialised message. Raises BagError for bytes that are not of its type, and for implausibly many."""
-    most = MAX_MESSAGE_BYTES if connection.msgtype in FLAT_TYPES else MAX_STRUCTURED_BYTES
+    # A cloud may also hold a list of fields, which does multiply; that of actors is small, others are never read.
+    flat = connection.msgtype in FLAT_TYPES and connection.topic != topics.ACTORS
+    most = MAX_MESSAGE_BYTES if flat else MAX_STRUCTURED_BYTES
     if len(data) > most:
         raise BagError(
             f'{reader.path}: {connection.topic}: a {connection.msgtype} of {len(data)} bytes, '

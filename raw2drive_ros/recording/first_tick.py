@@ -11,7 +11,7 @@ from raw2drive_ros.contracts import topics
 
 # What a tick of training consists of besides its transition.
 PARTS = frozenset(
-    {topics.IMU, topics.ODOMETRY, topics.BEV, topics.EGO}
+    {topics.IMU, topics.ODOMETRY, *topics.published_by(topics.Publisher.SIMULATION)} - {topics.TRANSITION}
     | {name(camera) for camera in topics.CAMERAS for name in (topics.image_topic, topics.compressed_topic)}
 )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,14 @@ from msg_adapters.privileged import (
     advice_from_message,
     bev_from_message,
     ego_from_message,
+    signals_from_message,
     transition_from_message,
 )
+from msg_adapters.privileged_actors import actors_from_message
 from msg_adapters.stamps import stamp_ns
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import BagError, ContractError
-from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
+from raw2drive_ros.contracts.privileged import Advice, PrivilegedFrame, Transition
 from raw2drive_ros.contracts.public import CameraCalibration, Image8, ImuSample, OdometrySample, Route
 from raw2drive_ros.contracts.verdicts import Verdicts
 from raw2drive_ros.driving.continuity import BACK_NS, follows
@@ -32,12 +34,17 @@ PENDING_TICKS = 16
 MOTION_SAMPLES = 512
 CHECKS: dict[str, Callable[[Any], Any]] = {
     topics.BEV: bev_from_message,
+    topics.BEV_VISIBLE: bev_from_message,
+    topics.SIGNALS: signals_from_message,
+    topics.ACTORS: actors_from_message,
     topics.EGO: ego_from_message,
     topics.TRANSITION: transition_from_message,
     topics.ADVICE: advice_from_message,
 }
 # What makes a tick of training, beside the sensors.
 PRIVILEGED = (topics.BEV, topics.EGO, topics.TRANSITION)
+# What a reader may ask for besides; old bags lack it.
+EXTRAS = (topics.BEV_VISIBLE, topics.SIGNALS, topics.ACTORS)
 
 
 @dataclass(slots=True)
@@ -102,14 +109,17 @@ class TickAssembler:
 
     Takes every picture, whatever its rate, and none of a lens with distortion: it has no cameras to rectify to. Where
     an episode begins and ends is read from every transition, also those of ticks that never become complete.
+    extras: of `EXTRAS`, without which a privileged tick is not complete either.
     """
 
-    def __init__(self, cameras: tuple[str, ...], counts: TickCounts, *, privileged: bool) -> None:
+    def __init__(
+        self, cameras: tuple[str, ...], counts: TickCounts, *, privileged: bool, extras: Collection[str] = ()
+    ) -> None:
         self.cameras, self.counts, self.privileged = cameras, counts, privileged
         self.calibrations: dict[str, CameraCalibration] = {}
         self.rig: tuple[CameraCalibration, ...] = ()
         self.taken_ns: int | None = None
-        self.needed = len(cameras) + (len(PRIVILEGED) if privileged else 0)
+        self.needed = len(cameras) + (len(PRIVILEGED) + len(extras) if privileged else 0)
         self.routes: list[Route] = []
         self.imus: dict[int, ImuSample] = {}
         self.odometries: dict[int, OdometrySample] = {}
@@ -200,7 +210,7 @@ class TickAssembler:
         for stamp in sorted(stamp for stamp in self.pending if stamp < stamp_ns):
             self._drop(stamp)
         self.pending.pop(stamp_ns, None)
-        frame = PrivilegedFrame(stamp_ns, parts[topics.BEV], parts[topics.EGO]) if self.privileged else None
+        frame = _frame_of(stamp_ns, parts) if self.privileged else None
         images = {camera: parts[camera] for camera in self.cameras}
         self.ready.append(
             BagTick(
@@ -282,6 +292,11 @@ def _is_boundary(parts: dict[str, Any]) -> bool:
     return transition is not None and (transition.is_first or transition.is_last or transition.is_terminal)
 
 
+def _frame_of(stamp_ns: int, parts: dict[str, Any]) -> PrivilegedFrame:
+    extras = (parts.get(topic) for topic in (topics.BEV_VISIBLE, topics.ACTORS, topics.SIGNALS))
+    return PrivilegedFrame(stamp_ns, parts[topics.BEV], parts[topics.EGO], *extras)
+
+
 def camera_topics(reader: AnyReader) -> dict[str, str]:
     """topic -> camera for every camera that the bag holds: its raw topic, or else its compressed one."""
     present = {connection.topic for connection in reader.connections}
@@ -321,30 +336,37 @@ def checked(topic: str, message: Any, verdicts: Verdicts) -> Any:
     return value
 
 
-def read_advice(reader: AnyReader, factory: RosbagsFactory, verdicts: Verdicts | None = None) -> dict[int, int]:
-    """stamp -> the expert's action there, in bags that hold it. Refused messages are left out, and counted."""
+def read_advice(reader: AnyReader, factory: RosbagsFactory, verdicts: Verdicts | None = None) -> dict[int, Advice]:
+    """stamp -> what the expert would do there, in bags that hold it. Refused messages are left out, and counted."""
     verdicts = Verdicts() if verdicts is None else verdicts
     messages = checked_messages(reader, factory, {topics.ADVICE}, verdicts)
     found = (checked(topic, message, verdicts) for topic, _, message in messages)
-    return dict(advice for advice in found if advice is not None)
+    return {advice.stamp_ns: advice for advice in found if advice is not None}
 
 
 def read_ticks(
-    reader: AnyReader, path: Path, *, cameras: bool, privileged: bool = True, counts: TickCounts | None = None
+    reader: AnyReader,
+    path: Path,
+    *,
+    cameras: bool,
+    privileged: bool = True,
+    counts: TickCounts | None = None,
+    extras: Collection[str] = (),
 ) -> Iterator[BagTick]:
     """Decision ticks in time order. A tick is complete when its last expected message has arrived.
 
     Messages that break their contract are left out, by the verdict of the planner's own inputs, and their ticks are
-    incomplete. counts: is filled while ticks are read. Raises BagError, also at the end of a bag of which more messages
-    were refused than `contracts.verdicts` allows.
+    incomplete. counts: is filled while ticks are read. extras: topics of `EXTRAS`, which are read too, and without
+    which no tick is complete; the others are None in the privileged frames. Raises BagError, also at the end of a bag
+    of which more messages were refused than `contracts.verdicts` allows.
     """
     factory = RosbagsFactory()
     counts = TickCounts() if counts is None else counts
     images = camera_topics(reader) if cameras else {}
-    ticks = TickAssembler(tuple(images.values()), counts, privileged=privileged)
+    ticks = TickAssembler(tuple(images.values()), counts, privileged=privileged, extras=extras)
     inputs = PlannerInputs(ticks, compressed={c for t, c in images.items() if topics.BY_NAME[t].optional})
     inputs.verdicts = counts.verdicts
-    wanted = {*inputs.topics, *(PRIVILEGED if privileged else ())}
+    wanted = {*inputs.topics, *((*PRIVILEGED, *extras) if privileged else ())}
     try:
         for topic, recorded_ns, message in checked_messages(reader, factory, wanted, counts.verdicts):
             if topic in inputs.handlers:

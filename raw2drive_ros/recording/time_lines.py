@@ -30,7 +30,7 @@ def _sources() -> dict[str, str]:
     for camera in topics.CAMERAS:
         for name in (topics.image_topic, topics.compressed_topic, topics.camera_info_topic):
             found[name(camera)] = 'cameras'
-    return found | dict.fromkeys((topics.BEV, topics.EGO, topics.TRANSITION), 'simulation')
+    return found | dict.fromkeys(topics.published_by(topics.Publisher.SIMULATION), 'simulation')
 
 
 # Topics that tell the vehicle's time, by what measures it. Commands repeat stamps of others, latched messages and

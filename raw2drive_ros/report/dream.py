@@ -14,16 +14,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.contracts.errors import BagError
-from raw2drive_ros.recording.bag_reader import open_bag
-from raw2drive_ros.recording.ticks import BagTick, read_ticks
+from raw2drive_ros.recording.bag_reader import open_bag, require_topics
+from raw2drive_ros.recording.ticks import BagTick, read_advice, read_ticks
 from raw2drive_ros.report.panels import FRAME, Rgb, canvas_of, mp4, put, text
 from raw2drive_ros.tables.bev_colours import colour_masks
 from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.world_model.agent import imagine_open_loop
+from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.distributions import class_one_hot, sample_one_hot
 from raw2drive_ros.world_model.mask_codec import MaskCodec
+from raw2drive_ros.world_model.privileged_inputs import extra_topics, masks_of, vector_of
 from raw2drive_ros.world_model.rssm import State
 from raw2drive_ros.world_model.teacher import Teacher
 
@@ -38,24 +41,31 @@ SIZE = (4 * GAP + 3 * SIDE, GAP + 24 + SIDE + 2 * (PLOT_PX + 2 * GAP))
 @dataclass(slots=True)
 class Dream:
     """masks: per tick (C, side, side) of truth, posterior and imagination. reward, cont: per tick, by the same three
-    names; NaN where there is none. begins: index of the first imagined tick."""
+    names; NaN where there is none. begins: index of the first imagined tick. reasons: of the expert's advice, per tick,
+    where the bag holds it."""
 
     begins: int
     masks: dict[str, list[np.ndarray]] = field(default_factory=dict)
     reward: dict[str, list[float]] = field(default_factory=dict)
     cont: dict[str, list[float]] = field(default_factory=dict)
+    reasons: list[str] = field(default_factory=list)
 
 
-def ticks_around(bag: Path, at_s: float, seconds: float) -> tuple[list[BagTick], int]:
+def ticks_around(
+    bag: Path, at_s: float, seconds: float, config: ModelConfig | None = None
+) -> tuple[list[BagTick], int]:
     """(ticks of the sequence that is running `at_s` after the bag's first tick, index of that moment among them).
 
-    From `WARM_UP_S` before it to `seconds` after it. Raises BagError when no episode continues after that moment.
+    From `WARM_UP_S` before it to `seconds` after it. config: of the model that shall read them, if it needs more than
+    masks and ego vector. Raises BagError when no episode continues after that moment, or the bag lacks what is needed.
     """
+    extras = () if config is None else extra_topics(config)
     found: list[BagTick] = []
     begins = -1
     first_ns = None
     with open_bag(bag) as reader:
-        for tick in read_ticks(reader, bag, cameras=False):
+        require_topics(reader, bag, list(extras), 'this model')
+        for tick in read_ticks(reader, bag, cameras=False, extras=extras):
             first_ns = tick.stamp_ns if first_ns is None else first_ns
             after_s = (tick.stamp_ns - first_ns) * 1e-9
             if tick.starts_segment and after_s <= at_s:
@@ -71,6 +81,13 @@ def ticks_around(bag: Path, at_s: float, seconds: float) -> tuple[list[BagTick],
     return found[skip:], begins - skip
 
 
+def reasons_of(bag: Path, ticks: list[BagTick]) -> list[str]:
+    """Why the expert advised what it did, per tick; '' where the bag does not say. Raises BagError."""
+    with open_bag(bag) as reader:
+        advised = read_advice(reader, RosbagsFactory())
+    return [advised[tick.stamp_ns].reason if tick.stamp_ns in advised else '' for tick in ticks]
+
+
 @torch.no_grad()
 def dream(teacher: Teacher, ticks: list[BagTick], begins: int, *, own_actions: bool = False) -> Dream:
     """Filter all ticks; from `begins` on also imagine, on the recorded or on the policy's own actions."""
@@ -79,7 +96,7 @@ def dream(teacher: Teacher, ticks: list[BagTick], begins: int, *, own_actions: b
     generator = torch.Generator().manual_seed(0)
     # Uniform random numbers of each tick: for sampling its state, and the last one for sampling an action.
     uniforms = [torch.rand(1, stoch + 1, generator=generator) for _ in ticks]
-    masks = [_masks(codec, tick) for tick in ticks]
+    masks = [_masks(codec, tick, teacher.config) for tick in ticks]
     actions = torch.stack([_action(tick) for tick in ticks], 1)
     believed = _filter(teacher, ticks, masks, actions, uniforms)
     start = believed[begins - 1] if begins else rssm.initial(1)
@@ -102,10 +119,10 @@ def dream(teacher: Teacher, ticks: list[BagTick], begins: int, *, own_actions: b
     return found
 
 
-def _masks(codec: MaskCodec, tick: BagTick) -> Tensor:
+def _masks(codec: MaskCodec, tick: BagTick, config: ModelConfig) -> Tensor:
     """(1, C*P*P, G, G) of a tick."""
     assert tick.privileged is not None
-    return torch.from_numpy(codec.unpack(codec.pack(tick.privileged.bev)[None])).float()
+    return torch.from_numpy(codec.unpack(codec.pack(masks_of(tick.privileged, config))[None])).float()
 
 
 def _action(tick: BagTick) -> Tensor:
@@ -123,7 +140,8 @@ def _filter(
     state, found = rssm.initial(1), []
     for index, (tick, deep) in enumerate(zip(ticks, masks, strict=True)):
         assert tick.privileged is not None
-        embed = model.embed(*model.encode(deep, torch.from_numpy(tick.privileged.ego)[None]))
+        vector = torch.from_numpy(vector_of(tick.privileged, teacher.config))[None]
+        embed = model.embed(*model.encode(deep, vector))
         deter = rssm.step_deter(state, actions[:, index])
         posterior = rssm.posterior(deter, rssm.post_embed(embed))
         state = State(deter, rssm.sample(posterior, uniforms[index][:, :-1]))
@@ -179,6 +197,8 @@ def _picture(found: Dream, classes: list[str], first: int, index: int) -> Rgb:
         colour = RED if name == 'imagined' else GREEN if name == 'posterior' else FRAME
         cv2.rectangle(canvas, (left, top), (left + SIDE - 1, top + SIDE - 1), colour, BORDER)
     text(canvas, f'{moment:+.1f} s', (SIZE[0] - 70, GAP + 8), colour=RED if dreaming else GREEN)
+    if found.reasons and found.reasons[index]:
+        text(canvas, f'advice: {found.reasons[index]}', (GAP, SIZE[1] - 6))
     text(canvas, f'speed x{RATE / DECISION_HZ:g}', (SIZE[0] - 100, SIZE[1] - 6))
     top = 2 * GAP + 24 + SIDE
     _curves(canvas, 'reward', found.reward, first, index, top)

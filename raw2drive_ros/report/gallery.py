@@ -8,7 +8,7 @@ from pathlib import Path
 
 import cv2
 
-from raw2drive_ros.evaluation.suites import benchmark_types
+from raw2drive_ros.evaluation.suite_plans import benchmark_types
 from raw2drive_ros.evaluation.world_drivers import rule_driver
 from raw2drive_ros.report.scene import save_picture
 from raw2drive_ros.simulation.route_id import RouteId

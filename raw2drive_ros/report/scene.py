@@ -11,6 +11,7 @@ from raw2drive_ros.contracts.public import Control, Decision
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
 from raw2drive_ros.evaluation.metrics import RouteResult
+from raw2drive_ros.evaluation.table_actions import reason_of
 from raw2drive_ros.report.overview import Overview
 from raw2drive_ros.report.panels import Rgb, canvas_of, mp4, plot_controls, put, put_mosaic, text
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
@@ -54,13 +55,14 @@ def save_picture(
     begin: list[World] = []
     trail: list[tuple[float, float]] = []
     last: list[Tick] = []
+    decided: list[Decision] = []
 
     def on_tick(tick: Tick, decision: Decision) -> None:
         assert env.world is not None
         if not begin:
             begin.append(env.world.fork())
         trail.append((float(env.world.ego.position[0]), float(env.world.ego.position[1])))
-        last[:] = [tick]
+        last[:], decided[:] = [tick], [decision]
 
     drive_route(env, driver, route, on_tick, max_ticks=round(seconds * DECISION_HZ) + 1)
     tick = last[0]
@@ -68,7 +70,8 @@ def save_picture(
     head, below = canvas_of(WIDTH, 44), canvas_of(WIDTH, BEV_PX + 34)
     text(head, str(route), (GAP, 18), 0.55)
     text(head, env.world.scenario.description if env.world else '', (GAP, 36))
-    when = f'after {(len(trail) - 1) / DECISION_HZ:.1f} s, at {tick.sensors.odometry.speed_mps * 3.6:.0f} km/h'
+    why = reason_of(decided[0]) and f': {reason_of(decided[0])}'
+    when = f'after {(len(trail) - 1) / DECISION_HZ:.1f} s, at {tick.sensors.odometry.speed_mps * 3.6:.0f} km/h{why}'
     text(below, when, (GAP, 15))
     put_mosaic(below, tick.sensors.images, GAP, 22, TILE)
     put(below, bev_picture(tick), WIDTH - GAP - BEV_PX, 22, BEV_PX, BEV_PX, smooth=False)
@@ -97,7 +100,7 @@ def save_film(
             nonlocal picture, reward
             history.append(decision.control)
             reward += tick.transition.reward
-            picture = _film_picture(tick, history, str(route), reward)
+            picture = _film_picture(tick, history, str(route), reward, reason_of(decision))
             append(picture)
 
         ticks = None if seconds is None else max(1, round(seconds * DECISION_HZ))
@@ -114,7 +117,7 @@ def _watched_env(image_size: tuple[int, int]) -> DrivingEnv:
     return DrivingEnv(SimulationConfig(image_size, end_on_infraction=False))
 
 
-def _film_picture(tick: Tick, history: list[Control], title: str, reward: float) -> Rgb:
+def _film_picture(tick: Tick, history: list[Control], title: str, reward: float, reason: str) -> Rgb:
     canvas = canvas_of(*FILM)
     put(canvas, tick.sensors.images['front'], 0, 0, *FRONT)
     put_mosaic(canvas, tick.sensors.images, 0, FRONT[1], SMALL, crop=CROP)
@@ -125,4 +128,5 @@ def _film_picture(tick: Tick, history: list[Control], title: str, reward: float)
     text(canvas, f'{status}  ({tick.transition.reward:+.2f})', (left, 38))
     put(canvas, bev_picture(tick), left, 48, BEV_PX, BEV_PX, smooth=False)
     plot_controls(canvas, history, left, 48 + BEV_PX + GAP)
+    text(canvas, reason, (GAP, FILM[1] - 9), 0.5)
     return canvas

@@ -18,6 +18,7 @@ from raw2drive_ros.report.panels import Rgb, canvas_of, mp4, plot_controls, put,
 from raw2drive_ros.tables.bev_colours import colour_masks
 from raw2drive_ros.tables.rates import DECISION_HZ
 from raw2drive_ros.world_model.mask_codec import MaskCodec
+from raw2drive_ros.world_model.privileged_inputs import masks_of
 
 WIDTH, HEIGHT, RATE = 960, 640, 20
 BEV_PX = 256
@@ -37,12 +38,13 @@ def write_video(bag: Path, bundle_path: Path, target: Path, advance: Callable[..
     driver = RawDriver(bundle)
     codec = MaskCodec(bundle.config)
     names = list(bundle.config.mask_classes)
+    extras = (topics.BEV_VISIBLE,) * (bundle.config.masks == 'visible')
     video = Video(target)
     history: list[Control] = []
     episode, shown = '', 0
     with open_bag(bag) as reader, mp4(target, WIDTH, HEIGHT, RATE) as append:
         total = next((c.msgcount for c in reader.connections if c.topic == topics.TRANSITION), 1)
-        for index, tick in enumerate(read_ticks(reader, bag, cameras=True)):
+        for index, tick in enumerate(read_ticks(reader, bag, cameras=True, extras=extras)):
             if tick.episode != episode:
                 episode, shown = tick.episode, 0
                 driver.reset()
@@ -52,7 +54,7 @@ def write_video(bag: Path, bundle_path: Path, target: Path, advance: Callable[..
             history.append(decision.control)
             belief = codec.to_image_order(driver.reconstruct()[None])[0]
             assert tick.privileged is not None
-            truth = codec.merge(tick.privileged.bev).astype(np.float32)
+            truth = codec.merge(masks_of(tick.privileged, bundle.config)).astype(np.float32)
             picture = _compose(tick, colour_masks(truth, names), colour_masks(belief, names), history)
             shown += 1
             if shown == 80 or tick.episode not in video.stills:

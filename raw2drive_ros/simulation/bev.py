@@ -7,14 +7,16 @@ every frame from their poses in `map`, past ones included, so past masks are exa
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from raw2drive_ros.contracts.public import Float64
-from raw2drive_ros.simulation.actors import corners_m
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
+from raw2drive_ros.simulation.actors import Actor, corners_m
+from raw2drive_ros.simulation.signals import StopSign
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.bev_channels import (
     CHANNEL_COUNT,
@@ -58,8 +60,24 @@ BOX = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
 Mask = NDArray[np.uint8]
 
 
+class Seen(Protocol):
+    """What was seen lately at each of `HISTORY_TICKS`. moment: index of it."""
+
+    def actor(self, actor: Actor, moment: int) -> bool:
+        """Whether the actor had been seen."""
+
+    def light(self, index: int, moment: int) -> str:
+        """Colour in which a light of the ego was last seen, '' where it was not."""
+
+    def sign(self, index: int, moment: int) -> bool:
+        """Whether a stop sign of the ego had been seen."""
+
+
 class BevRenderer:
-    """Renders the masks of one world; make a new one for every episode."""
+    """Renders the masks of one world; make a new one for every episode.
+
+    drawn: (actor, index of the moment, channel, polygon in fixed-point pixels) of every box in the last masks.
+    """
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -67,6 +85,7 @@ class BevRenderer:
         self.origin = points.min(axis=0) - 5.0
         size = np.ceil((points.max(axis=0) + 5.0 - self.origin) * MAP_PIXELS_PER_M).astype(int)
         self.map: Mask = np.zeros((size[1], size[0]), np.uint8)
+        self.drawn: list[tuple[Actor, int, int, NDArray[np.int32]]] = []
         self._draw_map()
 
     def _to_map(self, points_m: Float64) -> NDArray[np.int32]:
@@ -76,6 +95,8 @@ class BevRenderer:
         planes = {name: np.zeros_like(self.map) for name in MAP_LAYERS}
         for polygon in self.world.road.surfaces_m:
             cv2.fillPoly(planes['road'], [self._to_map(polygon)], 1, shift=SHIFT)
+        for polygon in self.world.road.islands_m:
+            cv2.fillPoly(planes['road'], [self._to_map(polygon)], 0, shift=SHIFT)
         thickness = max(1, round(LINE_STROKE_M * MAP_PIXELS_PER_M))
         for marking in self.world.road.markings:
             kind = marking.kind
@@ -98,7 +119,7 @@ class BevRenderer:
                 shift=SHIFT,
             )
         route = self._to_map(self.world.route.points_m)
-        wide = round(LANE_WIDTH_M * MAP_PIXELS_PER_M)
+        wide = round(self.world.scene.layout.lane_width_m * MAP_PIXELS_PER_M)
         cv2.polylines(planes['route_lane'], [route], isClosed=False, color=1, thickness=wide, shift=SHIFT)
         for name in MAP_LAYERS:
             self.map |= planes[name] << STATIC_CHANNELS.index(name)
@@ -123,8 +144,29 @@ class BevRenderer:
         self._draw_actors(masks, to_pixels)
         if world.lights or world.stop_signs:
             for moment, age in enumerate(HISTORY_TICKS):
-                self._draw_signals(masks, moment, min(age, len(world.light_history) - 1), to_pixels)
+                colours = world.light_history[min(age, len(world.light_history) - 1)]
+                self._draw_signals(masks, moment, colours, world.stop_signs, to_pixels)
         return masks.view(np.bool_)
+
+    def render_seen(self, masks: NDArray[np.bool_], seen: Seen) -> NDArray[np.bool_]:
+        """The masks that `render` has just returned, with only those actors, lights and signs that were seen."""
+        world = self.world
+        shown = [seen.actor(actor, moment) for actor, moment, _, _ in self.drawn]
+        if all(shown) and not world.lights and not world.stop_signs:
+            # The same array, which `tick_messages` packs once.
+            return masks
+        visible = np.zeros_like(masks, dtype=np.uint8)
+        visible[: len(STATIC_CHANNELS)] = masks[: len(STATIC_CHANNELS)]
+        for (_, _, channel, polygon), there in zip(self.drawn, shown, strict=True):
+            if there:
+                cv2.fillConvexPoly(visible[channel], polygon, 1, cv2.LINE_8, SHIFT)
+        if world.lights or world.stop_signs:
+            to_pixels = _pixels_from_map(*world.ego_history[0])
+            for moment in range(len(HISTORY_TICKS)):
+                colours = tuple(seen.light(index, moment) for index in range(len(world.lights)))
+                signs = [sign for index, sign in enumerate(world.stop_signs) if seen.sign(index, moment)]
+                self._draw_signals(visible, moment, colours, signs, to_pixels)
+        return visible.view(np.bool_)
 
     def _warp_map(self, x: float, y: float, yaw: float) -> Mask:
         """The map's bit planes in the ego frame; nearest neighbour, because bit planes cannot be interpolated."""
@@ -148,7 +190,8 @@ class BevRenderer:
     def _draw_actors(self, masks: Mask, to_pixels: Float64) -> None:
         """Boxes of the actors at all `HISTORY_TICKS`, transformed in one pass."""
         world = self.world
-        channels: list[int] = []
+        self.drawn = []
+        kept: list[tuple[Actor, int, int]] = []
         sizes: list[tuple[float, float]] = []
         moments = []
         for moment, age in enumerate(HISTORY_TICKS):
@@ -156,7 +199,7 @@ class BevRenderer:
             if not actors:
                 continue
             moments.append(poses)
-            channels += [CLASS_CHANNEL[actor.kind] + moment for actor in actors]
+            kept += [(actor, moment, CLASS_CHANNEL[actor.kind] + moment) for actor in actors]
             sizes += [(actor.LENGTH, actor.WIDTH) for actor in actors]
         if not moments:
             return
@@ -172,21 +215,23 @@ class BevRenderer:
         inside = ((middle > -reach) & (middle < SIZE_PX + reach)).all(axis=1)
         fixed = _rounded(pixels)
         for index in np.flatnonzero(inside).tolist():
-            cv2.fillConvexPoly(masks[channels[index]], fixed[index], 1, cv2.LINE_8, SHIFT)
+            cv2.fillConvexPoly(masks[kept[index][2]], fixed[index], 1, cv2.LINE_8, SHIFT)
+            self.drawn.append((*kept[index], fixed[index]))
 
-    def _draw_signals(self, masks: Mask, moment: int, age: int, to_pixels: Float64) -> None:
-        """Traffic lights and stop signs as bars across the ego's lane at their stop line."""
-        world = self.world
-        colours = world.light_history[age]
-        for light, colour in zip(world.lights, colours, strict=True):
-            self._bar(masks[dynamic_channel(f'light_{colour}', moment)], light.line_s_m, to_pixels)
-        for sign in world.stop_signs:
+    def _draw_signals(
+        self, masks: Mask, moment: int, colours: Sequence[str], signs: Sequence[StopSign], to_pixels: Float64
+    ) -> None:
+        """Traffic lights and stop signs as bars across the ego's lane at their stop line. colours: '' is not drawn."""
+        for light, colour in zip(self.world.lights, colours, strict=True):
+            if colour:
+                self._bar(masks[dynamic_channel(f'light_{colour}', moment)], light.line_s_m, to_pixels)
+        for sign in signs:
             if not sign.obeyed:
                 self._bar(masks[dynamic_channel('stop_sign', moment)], sign.line_s_m, to_pixels)
 
     def _bar(self, mask: Mask, s_m: float, to_pixels: Float64) -> None:
         x, y, yaw = self.world.route.pose(s_m)
-        bar = corners_m(x, y, yaw, 1.5, LANE_WIDTH_M)
+        bar = corners_m(x, y, yaw, 1.5, self.world.scene.layout.lane_width_m)
         cv2.fillConvexPoly(mask, _fixed(bar, to_pixels), 1, shift=SHIFT)
 
 

@@ -32,7 +32,7 @@ def forces_braking(world: World, actor: Actor, before_m: tuple[float, float]) ->
 
     before_m: where the ego was `ENTERED_WITHIN_S` ago, or at the start.
     """
-    if not isinstance(actor, PathVehicle) or getattr(actor, 'imposed_mps2', 0.0) <= HARD_BRAKING_MPS2:
+    if not isinstance(actor, PathVehicle) or actor.imposed_mps2 <= HARD_BRAKING_MPS2:
         return False
     if actor.kind in OWN_RULE:
         return False

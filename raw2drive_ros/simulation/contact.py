@@ -76,9 +76,8 @@ def resolve_contacts(world: World, dt: float) -> tuple[Contact, ...]:
 
 
 def key_of(actor: Actor) -> int:
-    """The actor's number in its world, or what stands for it where actors have none."""
-    number = int(getattr(actor, 'number', -1))
-    return number if number >= 0 else id(getattr(actor, 'root', actor))
+    """The actor's number in its world, or what stands for it where it has none."""
+    return int(actor.number) if actor.number >= 0 else id(getattr(actor, 'root', actor))
 
 
 def has_contact(world: World, since_s: float = -math.inf) -> bool:
@@ -176,6 +175,8 @@ def _push(world: World, row: int, by: Vector) -> None:
         root = getattr(actor, 'root', actor)
         actor = world.actors[row] = copy.copy(actor)
         actor.root, actor.position = root, np.array(actor.position, float)
+        if actor.number in world.by_number:
+            world.by_number[actor.number] = actor
     actor.position[0] += by[0]
     actor.position[1] += by[1]
     if isinstance(actor, PathVehicle):

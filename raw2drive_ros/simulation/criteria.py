@@ -250,14 +250,14 @@ def time_limit_s(world: World) -> float:
     """The scene's own time limit, or 30 s plus three times the time that the route takes at the speed limit."""
     if world.scene.time_limit_s is not None:
         return world.scene.time_limit_s
-    return 30.0 + 3.0 * world.route.length_m / world.scene.layout.speed_limit_mps
+    return 30.0 + 3.0 * world.route.end_s_m / world.scene.layout.speed_limit_mps
 
 
 def loose_limit_s(world: World) -> float:
     """Bench2Drive's limit: its number of ticks, or on long routes the time of its route criterion."""
-    if world.route.length_m < SHORT_ROUTE_M:
+    if world.route.end_s_m < SHORT_ROUTE_M:
         return TICK_LIMIT_S
-    return ROUTE_LIMIT_S + world.route.length_m / (ROUTE_LIMIT_SHARE * world.scene.layout.speed_limit_mps)
+    return ROUTE_LIMIT_S + world.route.end_s_m / (ROUTE_LIMIT_SHARE * world.scene.layout.speed_limit_mps)
 
 
 def _is_car(actor: Actor) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.actors import corners_m
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
+from raw2drive_ros.simulation.road_surface import FORWARD, JUNCTION, OFF, SIDEWALK
 from raw2drive_ros.simulation.world import World
 
 LANE_TOLERANCE_M = 0.5
@@ -22,19 +22,13 @@ LINE_TOLERANCE_M = 0.3
 # Way of a lane change: a lane line may stay under the car for so long.
 LANE_CHANGE_M = 40.0
 SEARCH_M = 8.0
-# Kinds of `RoadSurface.kind_at`, by their names in that module.
-BEYOND_KERB, ALLOWED = ('OFF', 'SIDEWALK'), ('FORWARD', 'JUNCTION')
+BEYOND_KERB, ALLOWED = (OFF, SIDEWALK), (FORWARD, JUNCTION)
 
 
 def ego_corners_m(world: World) -> Float64:
     """(4, 2) corners of the ego in `map`."""
     ego = world.ego
     return corners_m(float(ego.position[0]), float(ego.position[1]), ego.heading, ego.LENGTH, ego.WIDTH)
-
-
-def lane_width_m(world: World) -> float:
-    """Width (m) of the lanes of the ego's road."""
-    return float(getattr(world.scene.layout, 'lane_width_m', LANE_WIDTH_M))
 
 
 def on_road(world: World) -> bool:
@@ -44,21 +38,16 @@ def on_road(world: World) -> bool:
 
 def allowed(world: World, points_m: Float64) -> np.ndarray:
     """(N,) whether a car of the ego's route may cover each of the (N, 2) points near the ego."""
-    inside = _along_route(world, points_m)
-    surface = getattr(world.road, 'surface', None)
-    if surface is None:
-        return inside | _in_forward_lanes(world, points_m) if not inside.all() else inside
-    from raw2drive_ros.simulation import road_surface
-
-    kinds = surface.kind_at(points_m)
-    inside |= np.isin(kinds, [getattr(road_surface, name) for name in ALLOWED])
-    return inside & ~np.isin(kinds, [getattr(road_surface, name) for name in BEYOND_KERB])
+    assert world.road.surface is not None
+    kinds = world.road.surface.kind_at(points_m)
+    inside = np.isin(kinds, ALLOWED) | _along_route(world, points_m) | _in_forward_lanes(world, points_m)
+    return inside & ~np.isin(kinds, BEYOND_KERB)
 
 
 def straddles(world: World) -> bool:
     """Whether the ego has a line between two lanes of its direction under it, away from junctions and where
     the way past an obstacle runs there."""
-    lanes, width = world.scene.layout.forward_lanes, lane_width_m(world)
+    lanes, width = world.scene.layout.forward_lanes, world.scene.layout.lane_width_m
     if lanes < 2 or _way_is_between_lanes(world, width):
         return False
     reference = world.road.forward_path_cached()
@@ -82,7 +71,7 @@ def _along_route(world: World, points_m: Float64) -> np.ndarray:
     """(N,) whether points are within a lane, plus tolerance, along the route or between it and the way past an
     obstacle."""
     stations, laterals = world.route.project_many(points_m, world.route_s_m, SEARCH_M)
-    band = lane_width_m(world) / 2 + LANE_TOLERANCE_M
+    band = world.scene.layout.lane_width_m / 2 + LANE_TOLERANCE_M
     ranges = np.array([world.lateral_range_m(float(s)) for s in stations])
     return (laterals > ranges[:, 0] - band) & (laterals < ranges[:, 1] + band)
 
@@ -92,6 +81,6 @@ def _in_forward_lanes(world: World, points_m: Float64) -> np.ndarray:
     reference = world.road.forward_path_cached()
     s_m, _ = reference.project(float(world.ego.position[0]), float(world.ego.position[1]))
     _, laterals = reference.project_many(points_m, s_m, SEARCH_M)
-    width, lanes = lane_width_m(world), world.scene.layout.forward_lanes
+    width, lanes = world.scene.layout.lane_width_m, world.scene.layout.forward_lanes
     to_right = -(lanes - 0.5) * width - LANE_TOLERANCE_M
     return (laterals > to_right) & (laterals < width / 2 + LANE_TOLERANCE_M)

@@ -17,6 +17,8 @@ from raw2drive_ros.simulation.weather import CLEAR, WEATHERS, Weather
 
 PIXELS_PER_M = 8.0
 LEVELS = 4
+# Pixels of the first level in one of the last.
+COARSEST = 2 ** (LEVELS - 1)
 FAR_M = 110.0
 # Distance assumed for everything beyond `FAR_M`.
 HORIZON_M = 165.0
@@ -34,9 +36,9 @@ Rgb = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class PaintedGround:
-    """pyramid: RGBX textures, each half as wide as the one before; rows grow with y (the fourth channel is unused:
-    OpenCV remaps four channels in half the time of three). origin_m: (2,) `map` position of pixel (0, 0). beyond: (3,)
-    RGB outside the texture."""
+    """pyramid: RGBX textures, each half as wide as the one before; rows grow with y (the fourth channel is 0, nobody's
+    number in the id buffer; OpenCV remaps four channels in half the time of three). origin_m: (2,) `map` position of
+    the centre of pixel (0, 0) of the first level. beyond: (3,) RGB outside the texture."""
 
     pyramid: list[Rgb]
     origin_m: Float64
@@ -50,6 +52,8 @@ def paint_ground(
     points = np.concatenate(road.sidewalks_m + road.surfaces_m)
     origin = points.min(axis=0) - 6.0
     size = np.ceil((points.max(axis=0) + 6.0 - origin) * PIXELS_PER_M).astype(int)
+    # Every level has to be exactly half as large as the one before, otherwise it is stretched by up to a pixel.
+    size = -(-size // COARSEST) * COARSEST
     grass, sidewalk, asphalt = ground_colours(weather, variation)
     texture: Rgb = np.empty((int(size[1]), int(size[0]), 3), np.uint8)
     texture[:] = np.tile(np.round(grass).astype(np.uint8), (texture.shape[1], 1))
@@ -65,6 +69,8 @@ def paint_ground(
         cv2.fillPoly(texture, [pixels(polygon)], sidewalk.tolist(), shift=SHIFT)
     for polygon in road.surfaces_m:
         cv2.fillPoly(texture, [pixels(polygon)], asphalt.tolist(), shift=SHIFT)
+    for polygon in road.islands_m:
+        cv2.fillPoly(texture, [pixels(polygon)], grass.tolist(), shift=SHIFT)
     for marking in road.markings:
         kind = marking.kind.removesuffix('_dashed')
         if kind == 'zebra':
@@ -94,12 +100,19 @@ def paint_ground(
     if not variation.tone_curve_is_identity or (light != 1.0).any():
         table = variation.tone_mapped(np.arange(256.0)[:, None] * light)
         texture = cv2.LUT(texture, np.round(table)[:, None].astype(np.uint8))
-    pyramid = [cv2.cvtColor(texture, cv2.COLOR_RGB2RGBA)]
+    return PaintedGround(_pyramid(texture), origin, variation.tone_mapped(grass * light))
+
+
+def _pyramid(texture: Rgb) -> list[Rgb]:
+    """All levels of a texture, with a fourth channel of zeros."""
+    first = cv2.cvtColor(texture, cv2.COLOR_RGB2RGBA)
+    first[..., 3] = 0
+    pyramid = [first]
     for _ in range(LEVELS - 1):
         last = pyramid[-1]
-        half = (max(1, last.shape[1] // 2), max(1, last.shape[0] // 2))
+        half = (last.shape[1] // 2, last.shape[0] // 2)
         pyramid.append(cv2.resize(last, half, interpolation=cv2.INTER_AREA))
-    return PaintedGround(pyramid, origin, variation.tone_mapped(grass * light))
+    return pyramid
 
 
 @cache
@@ -209,10 +222,12 @@ class GroundProjector:
         cos, sin = math.cos(yaw), math.sin(yaw)
         for level, ego_xy in self.maps.items():
             scale = PIXELS_PER_M / 2**level
+            # The centre of pixel 0 of a level lies between the pixels 0 and 2**level - 1 of the first one.
+            shift = 0.5 * (0.5**level - 1.0)
             affine = np.array(
                 [
-                    [scale * cos, -scale * sin, (x - ground.origin_m[0]) * scale],
-                    [scale * sin, scale * cos, (y - ground.origin_m[1]) * scale],
+                    [scale * cos, -scale * sin, (x - ground.origin_m[0]) * scale + shift],
+                    [scale * sin, scale * cos, (y - ground.origin_m[1]) * scale + shift],
                 ]
             )
             where, colours = self._where[level], self._colours[level]

@@ -1,11 +1,11 @@
 """Finds the leading actor on each vehicle's path.
 
-For all vehicles on one path at once, because this takes most of the time of a physics step.
+One search for all vehicles at once, at the decision rate, because this takes most of the time of a physics step: the
+front of each vehicle is moved along its path in steps of a metre, and tested against the boxes of the actors nearby.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raw2drive_ros.contracts.public import Float64
-from raw2drive_ros.simulation.path import SPACING_M
+from raw2drive_ros.simulation.path import SPACING_M, Path
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.actors import PathVehicle
@@ -24,110 +24,158 @@ LOOK_AHEAD_M = 50.0
 MARGIN_M = 0.3
 ALIGNED_COS = 0.75
 STANDING_MPS = 0.5
-# Traffic reacts to an ego that changes lanes once the ego's centre is in its lane, as CARLA's agents do.
-IN_LANE_M = 1.4
-# A vehicle with a larger lateral offset is not on its path.
-ON_PATH_M = 1.0
-# Upper bound of the half-widths of an actor and a follower plus margin.
-REACH_M = 2.8
+# Paths are known this far beyond their ends.
+BEYOND_END_M = 100.0
 STRIDE = round(1.0 / SPACING_M)
 STEPS = int(LOOK_AHEAD_M)
 NO_HIT = 10_000
+# Actors farther behind a vehicle's centre than this, as the vehicle looks, cannot be on its way.
+BEHIND_M = 8.0
+HEAD_ON_COS = -0.7
+HALF_STEP_M = 0.5
+# Paths are known this far beyond their ends.
+BEYOND_END_M = 100.0
+STRIDE = round(1.0 / SPACING_M)
+STEPS = int(LOOK_AHEAD_M)
+NO_HIT = 10_000
+# Actors farther behind a vehicle's centre than this, as the vehicle looks, cannot be on its way.
+BEHIND_M = 8.0
+# Nearer than this, refine the first hit to where the surfaces meet; across, the grid of a metre has to do.
+REFINE_COS = 0.7
+# Vehicles brake for where a walker will be within this time.
+WALK_AHEAD_S = 2.0
+NOBODY = (math.inf, 0.0, -1)
 
 Ints = NDArray[Any]
 
 
+class PathBank:
+    """The points of all paths that vehicles follow, one after another. It only grows, so forks share it."""
+
+    def __init__(self) -> None:
+        # (first row, last row) of each path; the paths themselves are kept so that their identities stay theirs.
+        self.rows: dict[int, tuple[int, int]] = {}
+        self.paths: list[Path] = []
+        self.table: Float64 = np.zeros((0, 4))
+
+    def rows_of(self, path: Path) -> tuple[int, int]:
+        """(first, last) row of a path in `table`, whose columns are x, y, cos and sin of the heading."""
+        found = self.rows.get(id(path))
+        if found is None:
+            yaw = path.headings_rad
+            new = np.column_stack([path.points_m, np.cos(yaw), np.sin(yaw)])
+            # Straight on beyond the end, as `Path.pose` goes on: vehicles leave where nobody sees it.
+            beyond = np.arange(1, round(BEYOND_END_M / SPACING_M) + 1)[:, None] * SPACING_M
+            end = np.tile(new[-1], (len(beyond), 1))
+            end[:, :2] += beyond * new[-1, 2:]
+            new = np.concatenate([new, end])
+            found = self.rows[id(path)] = (len(self.table), len(self.table) + len(new) - 1)
+            self.paths.append(path)
+            self.table = np.concatenate([self.table, new])
+        return found
+
+
 def find_leaders(world: World, vehicles: Sequence[PathVehicle]) -> None:
-    """Set `gap_m` and `closing_mps` of each vehicle, to the leading actor on its path; (inf, 0) without one.
+    """Set `gap_m`, `closing_mps`, `leader_row` (of the world's arrays) of each vehicle to the leading actor on its
+    path, and `others_gap_m`, `others_closing_mps` to the leading one but the ego; (inf, 0, -1) without one.
 
     Vehicles that ignore traffic are left out.
     """
-    groups: dict[int, list[PathVehicle]] = {}
-    for vehicle in vehicles:
-        groups.setdefault(id(vehicle.path), []).append(vehicle)
-    for group in groups.values():
-        followers = [vehicle for vehicle in group if not vehicle.ignores_traffic]
-        if followers:
-            _follow_on_own_path(group, followers)
-            _follow_others(world, group, followers)
-
-
-def _follow_on_own_path(group: Sequence[PathVehicle], followers: Sequence[PathVehicle]) -> None:
-    """Set the gaps to the leading vehicles that follow the same path."""
-    line = sorted((v for v in group if abs(v.lateral_m) < ON_PATH_M), key=lambda v: v.s_m)
-    ahead = {id(v): leader for v, leader in itertools.pairwise(line)}
+    followers = [vehicle for vehicle in vehicles if not vehicle.ignores_traffic]
     for vehicle in followers:
-        leader = ahead.get(id(vehicle))
-        if leader is None or leader.s_m - vehicle.s_m > LOOK_AHEAD_M:
-            vehicle.gap_m, vehicle.closing_mps = math.inf, 0.0
-            continue
-        gap = leader.s_m - vehicle.s_m - (leader.LENGTH + vehicle.LENGTH) / 2
-        vehicle.gap_m, vehicle.closing_mps = max(gap, 0.05), vehicle.speed - leader.speed
-
-
-def _follow_others(world: World, group: Sequence[PathVehicle], followers: Sequence[PathVehicle]) -> None:
-    """Set the gaps to other actors that reach into the path and are nearer than the leading vehicle on it."""
-    stations = np.array([max(0, int(vehicle.s_m / SPACING_M)) for vehicle in followers])
-    first = int(stations.min())
-    points = followers[0].path.points_m[first : int(stations.max()) + STRIDE * STEPS : STRIDE]
-    if not len(points):
-        return
-    low, high = points.min(axis=0) - REACH_M, points.max(axis=0) + REACH_M
-    others = ((world.positions > low) & (world.positions < high)).all(axis=1)
-    others[[world.index_of(v) for v in group if abs(v.lateral_m) < ON_PATH_M]] = False
-    columns = np.flatnonzero(others)
-    if not len(columns):
+        vehicle.gap_m, vehicle.closing_mps, vehicle.leader_row = NOBODY
+        vehicle.others_gap_m, vehicle.others_closing_mps = math.inf, 0.0
+    if not followers:
         return
     rows = np.array([world.index_of(vehicle) for vehicle in followers])
-    distance2 = _distance2(world.positions[columns], points)
-    reach = world.half_widths[columns] + max(v.WIDTH for v in followers) / 2 + MARGIN_M
-    at = np.minimum((stations - first) // STRIDE, len(points) - 1)
-    steps = _steps_to(distance2 < (reach**2)[:, None], at)
-    if columns[-1] == len(world.actors):
-        steps[-1, _ignores_ego(world, followers, rows, distance2[-1:], at)] = NO_HIT
-    # No vehicle follows itself; this concerns vehicles beside their path, as those on it are no columns.
-    steps[columns[:, None] == rows[None]] = NO_HIT
-    gaps, closings = _gaps(world, rows, columns, steps, reach)
-    for vehicle, gap, closing in zip(followers, gaps.tolist(), closings.tolist(), strict=True):
+    one, other = _pairs(world, rows)
+    if len(one):
+        _search(world, followers, rows, one, other)
+
+
+def _pairs(world: World, rows: Ints) -> tuple[Ints, Ints]:
+    """(K,) indices into `rows`, and (K,) rows of the actors that may be on the way of each."""
+    x, y = world.positions[:, 0], world.positions[:, 1]
+    dx, dy = x[None] - x[rows, None], y[None] - y[rows, None]
+    yaw = world.headings[rows]
+    ahead = dx * np.cos(yaw)[:, None] + dy * np.sin(yaw)[:, None]
+    reach = LOOK_AHEAD_M + 2.0 * BEHIND_M
+    near = (dx * dx + dy * dy < reach * reach) & (ahead > -BEHIND_M)
+    near[np.arange(len(rows)), rows] = False
+    one, other = np.nonzero(near)
+    return one, other
+
+
+def _search(world: World, followers: Sequence[PathVehicle], rows: Ints, one: Ints, other: Ints) -> None:
+    samples, residue = _samples(world, followers, rows)
+    x, y, cos, sin = (samples[one, :, k] for k in range(4))
+    yaw = world.headings[other]
+    other_cos, other_sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    # Who walks takes up the way ahead, too.
+    half_walk = (0.5 * WALK_AHEAD_S * np.where(world.walks, world.speeds, 0.0))[other][:, None]
+    dx = x - world.positions[other, 0, None] - half_walk * other_cos
+    dy = y - world.positions[other, 1, None] - half_walk * other_sin
+    # In the frame of the other actor, a cross-section of the follower reaches `across` * half its width from its
+    # middle along the length of the other, and `along` * half its width along the width.
+    along, across = np.abs(cos * other_cos + sin * other_sin), np.abs(sin * other_cos - cos * other_sin)
+    ego = len(world.actors)
+    margin = np.where((other == ego) & (world.ego.speed > STANDING_MPS), 0.0, MARGIN_M)
+    half = (world.half_widths[rows][one] + margin)[:, None]
+    # Half a step more along the way, so that nothing is missed between two samples.
+    over_length = world.half_lengths[other][:, None] + half_walk + half * across + HALF_STEP_M * along
+    over_length -= np.abs(dx * other_cos + dy * other_sin)
+    over_width = world.half_widths[other][:, None] + half * along + HALF_STEP_M * across
+    over_width -= np.abs(dy * other_cos - dx * other_sin)
+    hits = (over_length > 0.0) & (over_width > 0.0)
+    first = hits.argmax(axis=1)
+    found = np.flatnonzero(hits[np.arange(len(one)), first])
+    if not len(found):
+        return
+    at = first[found]
+    one, other, along, across = one[found], other[found], along[found, at], across[found, at]
+    # From the first sample that touches back to where the surfaces meet.
+    one_way = along > across
+    deep = np.where(one_way, over_length[found, at], over_width[found, at]) / np.maximum(along, across)
+    gap = at + HALF_STEP_M - np.where(at > 0, np.minimum(deep, 1.0), deep) - residue[one]
+    facing = cos[found, at] * other_cos[found, 0] + sin[found, at] * other_sin[found, 0]
+    closing = world.speeds[rows[one]] - world.speeds[other] * facing
+    _assign(world, followers, zip(one.tolist(), other.tolist(), gap.tolist(), closing.tolist(), facing.tolist()))
+
+
+def _samples(world: World, followers: Sequence[PathVehicle], rows: Ints) -> tuple[Float64, Float64]:
+    """(V, STEPS, 4) x, y, cos and sin of the heading of each follower's front on its way, a metre apart, and (V,) how
+    far the front is beyond the first of them already."""
+    ends = np.array([world.bank.rows_of(vehicle.path) for vehicle in followers])
+    front = np.array([vehicle.s_m for vehicle in followers]) + world.half_lengths[rows]
+    starts = np.array([vehicle.path.start_s_m for vehicle in followers])
+    begin = np.maximum((front - starts) / SPACING_M, 0.0).astype(int)
+    index = np.minimum((ends[:, 0] + begin)[:, None] + STRIDE * np.arange(STEPS), ends[:, 1, None])
+    samples = world.bank.table[index]
+    aside = np.array([vehicle.lateral_m for vehicle in followers])
+    if aside.any():
+        samples[:, :, 0] -= aside[:, None] * samples[:, :, 3]
+        samples[:, :, 1] += aside[:, None] * samples[:, :, 2]
+    return samples, front - starts - begin * SPACING_M
+
+
+def _assign(world: World, followers: Sequence[PathVehicle], hits: Any) -> None:
+    """hits: (follower, row of the other, gap, closing speed, cosine of their headings) of every hit."""
+    ego = len(world.actors)
+    moving = world.ego.speed >= STANDING_MPS
+    for one, other, gap, closing, facing in hits:
+        vehicle = followers[one]
+        if facing < HEAD_ON_COS and closing > 0.0:
+            # Head-on: each of them has to stop before the place where they would meet.
+            gap, closing = gap * vehicle.speed / closing, vehicle.speed
+        gap = max(gap, 0.05)
+        if other == ego:
+            # Vehicles with priority ignore an ego that crosses their way.
+            if moving and (vehicle.ignores_ego or (vehicle.has_priority and facing < ALIGNED_COS)):
+                continue
+        elif gap < vehicle.others_gap_m:
+            vehicle.others_gap_m, vehicle.others_closing_mps = gap, closing
         if gap < vehicle.gap_m:
-            vehicle.gap_m, vehicle.closing_mps = gap, closing
-
-
-def _distance2(positions_m: Float64, points_m: Float64) -> Float64:
-    """(C, P) squared distances."""
-    dx = positions_m[:, 0, None] - points_m[None, :, 0]
-    dy = positions_m[:, 1, None] - points_m[None, :, 1]
-    return dx * dx + dy * dy
-
-
-def _steps_to(hits: Ints, at: Ints) -> Ints:
-    """(C, V) number of points from each vehicle's point `at` on the path to the next one in `hits`, or NO_HIT."""
-    index = np.where(hits, np.arange(hits.shape[1]), NO_HIT)
-    following = np.minimum.accumulate(index[:, ::-1], axis=1)[:, ::-1]
-    steps = following[:, at] - at
-    steps[steps >= STEPS] = NO_HIT
-    return steps
-
-
-def _ignores_ego(world: World, followers: Sequence[PathVehicle], rows: Ints, ego_distance2: Float64, at: Ints) -> Ints:
-    """(V,) bool: vehicles with priority ignore an ego that crosses, and all ignore an ego that is beside the lane."""
-    if world.ego.speed < STANDING_MPS:
-        return np.zeros(len(rows), bool)
-    priority = np.array([vehicle.has_priority for vehicle in followers])
-    crossing = np.cos(world.headings[rows] - world.ego.heading) < ALIGNED_COS
-    return (priority & crossing) | (_steps_to(ego_distance2 < IN_LANE_M**2, at)[0] == NO_HIT)
-
-
-def _gaps(world: World, rows: Ints, columns: Ints, steps: Ints, reach: Float64) -> tuple[Float64, Float64]:
-    """(free gaps, closing speeds) of followers `rows` to the nearest of the actors `columns`."""
-    best = steps.argmin(axis=0)
-    nearest = steps[best, np.arange(len(rows))]
-    other = columns[best]
-    cos = np.cos(world.headings[rows] - world.headings[other])
-    gap = nearest + reach[best] * 0.5 - world.half_lengths[rows] - world.half_lengths[other] * np.abs(cos)
-    nobody = nearest == NO_HIT
-    closing = world.speeds[rows] - world.speeds[other] * cos
-    return np.where(nobody, math.inf, np.maximum(gap, 0.05)), np.where(nobody, 0.0, closing)
+            vehicle.gap_m, vehicle.closing_mps, vehicle.leader_row = gap, closing, other
 
 
 def first_on_path(world: World, row: int, window_m: Float64, margin_m: float, reach_m: float) -> tuple[float, float]:
@@ -143,6 +191,14 @@ def first_on_path(world: World, row: int, window_m: Float64, margin_m: float, re
     if not len(columns) or not len(window_m):
         return math.inf, 0.0
     reach = world.half_widths[columns] + world.half_widths[row] + margin_m
-    steps = _steps_to(_distance2(world.positions[columns], window_m) < (reach**2)[:, None], np.array([0]))
-    gap, closing = _gaps(world, np.array([row]), columns, steps, reach)
-    return float(gap[0]), float(closing[0])
+    dx = world.positions[columns, 0, None] - window_m[None, :, 0]
+    dy = world.positions[columns, 1, None] - window_m[None, :, 1]
+    hits = dx * dx + dy * dy < (reach**2)[:, None]
+    steps = np.where(hits.any(axis=1), hits.argmax(axis=1), NO_HIT)
+    best = int(steps.argmin())
+    if steps[best] == NO_HIT:
+        return math.inf, 0.0
+    other = columns[best]
+    cos = math.cos(world.headings[row] - world.headings[other])
+    gap = steps[best] + reach[best] * 0.5 - world.half_lengths[row] - world.half_lengths[other] * abs(cos)
+    return max(float(gap), 0.05), float(world.speeds[row] - world.speeds[other] * cos)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from raw2drive_ros.simulation.world import World
 
 DRAW_ATTEMPTS = 200
+DENSITIES = ('none', 'light', 'medium', 'dense')
+LANE_CLASSES = ('own', 'beside', 'oncoming', 'cross')
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +87,118 @@ class TrafficSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class AlongRoad:
+    """A place on the ego's road. at_m: station on the forward chain, for oncoming vehicles too. lane: counted from the
+    centre line outwards."""
+
+    at_m: float
+    lane: int = 0
+    oncoming: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class AcrossJunction:
+    """A place before junction `junction`, on the way from arm `source` to arm `target` (left, right, ahead, or back,
+    where the ego comes from). before_m: of the front bumper before the stop line; negative beyond it."""
+
+    junction: int
+    source: str
+    target: str
+    before_m: float = 20.0
+    lane: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class OnRamp:
+    """A place on the on-ramp, `at_m` along it; its path goes on in the rightmost lane of the main road."""
+
+    at_m: float
+
+
+Place = AlongRoad | AcrossJunction | OnRamp
+
+
+@dataclass(frozen=True, slots=True)
+class CarSpec:
+    """A vehicle that follows lanes from edge to edge of the map, with right of way, lights and indicators.
+
+    then: its turn at each junction after `place` (left, ahead, right as it sees them; 'chain': along the ego's road,
+    which is also what it does when `then` is used up). target_speed_mps: None for `speed_mps`; below 0.05 it stands
+    until a script sets another. yields: keeps to the right of way; False: all others wait for it, it waits for nobody.
+    obeys_lights: red lights. ignores_traffic: reacts to nobody at all. ignores_ego: not to a moving ego. meets_ego:
+    arrives together with the ego where their ways cross (`AcrossJunction` only). pacing: see `Pacing`. lateral_m: to
+    the left of its lane's middle. waits_for_s_m: it is built when the ego reaches this arc length of the route.
+    """
+
+    place: Place
+    speed_mps: float
+    target_speed_mps: float | None = None
+    kind: str = 'car'
+    scripts: tuple[Script, ...] = ()
+    then: tuple[str, ...] = ()
+    lateral_m: float = 0.0
+    yields: bool = True
+    obeys_lights: bool = True
+    ignores_traffic: bool = False
+    ignores_ego: bool = False
+    meets_ego: bool = False
+    pacing: Pacing | None = None
+    time_gap_s: float = 1.2
+    waits_for_s_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class FlowSpec:
+    """An endless stream past a point: where its way crosses the ego's route, or `place` itself.
+
+    Platoons with `headway_s` between cars at the point, too short to use, alternate with usable gaps of `gap_s`, for as
+    long as the ego waits. Until the ego is within `armed_within_m` of the point (along its route) the platoon has no
+    end; it ends `first_gap_after_s` later, or when the cars that are in sight have passed. Platoons after the first gap
+    last `platoon_s`. last_passes_m: of twins: the stream ends for good, its last car passes the point when the ego is
+    this far away from it. yields: by default all others wait for these cars. Vehicles appear out of sight.
+    from_s_m, until_s_m: arc lengths of the route between which the ego has to be for the stream to exist.
+    """
+
+    place: Place
+    speed_mps: float
+    headway_s: tuple[float, float] = (1.4, 1.75)
+    gap_s: tuple[float, float] = (6.5, 8.5)
+    platoon_s: tuple[float, float] = (8.0, 14.0)
+    first_gap_after_s: float = 16.0
+    armed_within_m: float = 30.0
+    last_passes_m: float | None = None
+    kind: str = 'car'
+    then: tuple[str, ...] = ()
+    lateral_m: float = 0.0
+    yields: bool = False
+    obeys_lights: bool = True
+    ignores_ego: bool = False
+    from_s_m: float = 0.0
+    until_s_m: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class BackgroundSpec:
+    """Traffic that wants nothing, renewed out of sight for as long as the drive lasts.
+
+    density: none, light, medium or dense. parked: share of the places beside the road with a parked car. bystanders,
+    cyclists: number per 100 m of road, and on the whole road. lanes: own (the ego's), beside (others in its direction),
+    oncoming, cross (arms of junctions). No background uses a lane that leads to the point of a `FlowSpec`, nor one that
+    a standing object blocks.
+    """
+
+    density: str = 'medium'
+    parked: float = 0.0
+    bystanders: int = 0
+    cyclists: int = 0
+    lanes: tuple[str, ...] = ('own', 'beside', 'oncoming', 'cross')
+
+    def __post_init__(self) -> None:
+        if self.density not in DENSITIES or not set(self.lanes) <= set(LANE_CLASSES):
+            raise ValueError(f'BackgroundSpec: density is one of {DENSITIES}, lanes of {LANE_CLASSES}')
+
+
+@dataclass(frozen=True, slots=True)
 class WalkerSpec:
     """A pedestrian or cyclist beside the route at `s_m`, who crosses from lateral offset `from_m` to `to_m` (left
     positive); timing: `actors.Walker`."""
@@ -128,16 +242,22 @@ class DisturbanceSpec:
     period_s: float = 1.3
 
 
-ActorSpec = TrafficSpec | WalkerSpec | StandingSpec | DoorSpec
+ActorSpec = TrafficSpec | CarSpec | FlowSpec | WalkerSpec | StandingSpec | DoorSpec
 
 
 @dataclass(frozen=True, slots=True)
 class LightSpec:
-    """A traffic light at junction `junction` for the ego's approach."""
+    """The traffic light of junction `junction`, as the ego's approach sees it; all others follow from it.
+
+    phases: (green or red, seconds), see `signals.TrafficLight`: amber is the beginning of a red phase. held: arms that
+    stay red while the ego has green. repeats: the phases begin again after the last one, else that one lasts.
+    """
 
     junction: int
     phases: tuple[tuple[str, float], ...]
     trigger_m: float = 45.0
+    held: tuple[str, ...] = ()
+    repeats: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,8 +271,9 @@ class StopSignSpec:
 class Scene:
     """One draw of a scenario: the complete specification that a `World` is built from.
 
-    event_s_m: (begin, end) of the stretch of the route where the event happens, which the ego has to leave in time
-    (`criteria.SCENARIO_S`). later_events_s_m: those of the other scenes of a chain.
+    background: None for version 2's types, which have no traffic but their own. event_s_m: (begin, end) of the stretch
+    of the route where the event happens, which the ego has to leave in time (`criteria.SCENARIO_S`). later_events_s_m:
+    those of the other scenes of a chain.
     """
 
     layout: RoadLayout
@@ -162,6 +283,7 @@ class Scene:
     stop_signs: tuple[StopSignSpec, ...] = ()
     time_limit_s: float | None = None
     disturbances: tuple[DisturbanceSpec, ...] = ()
+    background: BackgroundSpec | None = None
     event_s_m: tuple[float, float] | None = None
     later_events_s_m: tuple[tuple[float, float], ...] = ()
 

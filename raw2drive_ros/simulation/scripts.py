@@ -23,7 +23,8 @@ class Script:
     Triggers (any that is set): the ego is within `ego_within_m` of the actor; the ego has reached `ego_at_s_m` of the
     route; `ego_due` = (s_m, seconds), see `ego_is_due`; simulation time `time_s`. The effect starts `delay_s` later.
     Effects: `acceleration_mps2` (down to `until_speed_mps`, for at most `lasts_s`), `target_speed_mps`, or a lateral
-    drift by `drift_m` to the left over `drift_over_m` metres.
+    drift by `drift_m` to the left over `drift_over_m` metres, or more where the speed asks for it. indicator: left or
+    right, shown from the trigger on, during the delay too; a drift shows its own side until it is over.
     """
 
     ego_within_m: float | None = None
@@ -37,6 +38,8 @@ class Script:
     drift_m: float = 0.0
     drift_over_m: float = 25.0
     delay_s: float = 0.0
+    indicator: str = ''
+    reach_m: float = field(default=25.0, init=False)
     due_s: float | None = field(default=None, init=False)
     fired_at_s_m: float | None = field(default=None, init=False)
 

@@ -5,44 +5,47 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
 from raw2drive_ros.contracts.errors import LayoutError
 from raw2drive_ros.contracts.public import Control, Float64
-from raw2drive_ros.simulation.actors import Actor, CarDoor, Look, PathVehicle, StandingObject, Walker, fork_of
+from raw2drive_ros.simulation.actors import Actor, PathVehicle, Walker, fork_of
 from raw2drive_ros.simulation.contact import Contact, resolve_contacts
+from raw2drive_ros.simulation.courses import CourseBook
 from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
-from raw2drive_ros.simulation.leaders import find_leaders
-from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
+from raw2drive_ros.simulation.ego_route import offset_m, route_path, speed_profile
+from raw2drive_ros.simulation.flows import HIDDEN_M, Flow
+from raw2drive_ros.simulation.leaders import PathBank, find_leaders
+from raw2drive_ros.simulation.path import SPACING_M
+from raw2drive_ros.simulation.right_of_way import RightOfWay
 from raw2drive_ros.simulation.road_builder import build_road
-from raw2drive_ros.simulation.roads import ARM_TURN_RAD, RoadMap
+from raw2drive_ros.simulation.roads import RoadMap
 from raw2drive_ros.simulation.scenario import (
     DRAW_ATTEMPTS,
-    ActorSpec,
-    DoorSpec,
-    LaneChange,
-    LightSpec,
+    CarSpec,
+    FlowSpec,
     Scenario,
     Scene,
-    StandingSpec,
     TrafficSpec,
-    WalkerSpec,
 )
-from raw2drive_ros.simulation.scripts import Meeting
-from raw2drive_ros.simulation.signals import StopSign, TrafficLight
-from raw2drive_ros.tables.rates import PHYSICS_HZ
+from raw2drive_ros.simulation.scenery import place_scenery
+from raw2drive_ros.simulation.signals import Lamp
+from raw2drive_ros.simulation.world_actors import WorldBuilder
+from raw2drive_ros.tables.rates import DECISION_HZ, PHYSICS_HZ, SUBSTEPS
 
 HISTORY_TICKS = 16
-CURVE_LATERAL_MPS2 = 3.0
-CURVE_BRAKING_MPS2 = 2.0
 CHECKPOINT_SPACING_M = 25.0
 ENTRY_ROOM_M = 3.0
 # An ego on a detour may leave the route this much earlier, and return this much later, than the reference detour.
 DETOUR_MARGIN_M = 20.0
-STRAIGHT_1PM = 1e-3
+STANDING_MPS = 0.5
+# Every so many physics steps traffic is renewed.
+RENEWAL_TICKS = PHYSICS_HZ // 2
+# A fork knows the traffic of the next seconds, and what an ego at this speed would meet.
+FORK_S, FORK_MPS = 20.0, 15.0
 # Largest change of the start in repetitions of a route: along the route (m), lateral (m), speed (m/s).
 START_JITTER = (1.0, 0.15, 0.5)
 
@@ -60,84 +63,204 @@ class World:
     ) -> None:
         self.scenario = scenario
         self.draw, self.scene, self.road = _draw(scenario, draw)
-        rng = draw.rng
-        self.route = _route_path(self.scene, self.road)
-        self.speed_limits = _speed_profile(self.route, self.scene.layout.speed_limit_mps)
+        self.route = route_path(self.scene, self.road)
+        self.speed_limits = speed_profile(self.route, self.scene.layout.speed_limit_mps)
         self._build_detour()
+        assert self.road.surface is not None
+        self.scenery = place_scenery(self.road, self.road.surface, self.draw)
         start = self.scene.route
         along, aside, faster = (0.0,) * 3 if start_rng is None else start_rng.uniform(-1.0, 1.0, 3) * START_JITTER
         self.route_s_m, self.route_lateral_m = start.start_s_m + float(along), float(aside)
         x, y, yaw = self.route.pose(self.route_s_m, self.route_lateral_m)
         speed = max(0.0, start.start_speed_mps + float(faster))
         self.ego = EgoVehicle(x, y, yaw, speed, parameters or EgoParameters())
-        self.goal_s_m = self.route.length_m - start.end_before_m
+        self.goal_s_m = self.route.end_s_m - start.end_before_m
         self.time_s = 0.0
         self.physics_ticks, self.stride = 0, 1
         self.contacts: tuple[Contact, ...] = ()
-        self.lights = [self._light(spec) for spec in self.scene.lights]
-        self.stop_signs = [self._stop_sign(spec.junction) for spec in self.scene.stop_signs]
-        self.actors: list[Actor] = []
-        self.paths: dict[tuple[object, int, int], Path] = {}
-        self.pending: list[tuple[float, Actor]] = []
-        self.waiting: list[tuple[float, float, Actor]] = []
-        for spec in self.scene.actors:
-            actor = self._actor(spec, rng)
-            if isinstance(spec, TrafficSpec) and spec.waits_for_s_m > 0.0:
-                self.waiting.append((spec.waits_for_s_m, spec.enters_at_s, actor))
-            elif isinstance(spec, TrafficSpec) and spec.enters_at_s > 0.0:
-                self.pending.append((spec.enters_at_s, actor))
-            else:
-                self.actors.append(actor)
-        self.pending.sort(key=lambda entry: entry[0])
-        self.waiting.sort(key=lambda entry: entry[0])
+        self.decision_s = 1.0 / DECISION_HZ
+        self.roster: list[object] = []
+        self.is_fork = False
+        self.book = CourseBook(self.road)
+        self.bank = PathBank()
+        self.rules = RightOfWay(self.book)
+        builder = WorldBuilder(self)
+        self.lights = builder.lights()
+        self.light_of = {light.junction: light for light in self.lights}
+        self.stop_signs = builder.stop_signs()
+        self.lamp_sites = builder.lamp_sites()
+        self.signs = builder.signs()
+        self.ego_crossings = builder.ego_crossings()
+        self.ego_stood_s = 0.0
+        self._build_traffic(builder)
         self.history: deque[tuple[list[Actor], Float64]] = deque(maxlen=HISTORY_TICKS)
         self.ego_history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_TICKS)
         self.light_history: deque[tuple[str, ...]] = deque(maxlen=HISTORY_TICKS)
         self.refresh()
+        self._fill()
+
+    def _build_traffic(self, builder: WorldBuilder) -> None:
+        """Actors of the scene: in the world now, or when their time or the ego comes; flows and background."""
+        self.actors: list[Actor] = []
+        self.next_number = 0
+        self.by_number: dict[int, Actor] = {}
+        self.leaving: set[int] = set()
+        self.pending: list[tuple[float, Actor]] = []
+        self.waiting: list[tuple[float, float, Actor]] = []
+        self.flows: list[Flow] = []
+        for spec in self.scene.actors:
+            if isinstance(spec, FlowSpec):
+                self.flows.append(builder.flow(spec, len(self.flows)))
+                continue
+            actor = builder.actor(spec, self.draw.rng)
+            self._number(actor)
+            entry = spec.enters_at_s if isinstance(spec, TrafficSpec) else 0.0
+            if isinstance(spec, TrafficSpec | CarSpec) and spec.waits_for_s_m > 0.0:
+                self.waiting.append((spec.waits_for_s_m, entry, actor))
+            elif entry > 0.0:
+                self.pending.append((entry, actor))
+            else:
+                self.add(actor)
+        self.pending.sort(key=lambda item: item[0])
+        self.waiting.sort(key=lambda item: item[0])
+        spec = self.scene.background
+        self.background = None if spec is None else builder.background(spec, self.flows)
+        self.roadside = None if spec is None else builder.roadside(spec)
+        for actor in self.roadside.actors if self.roadside else ():
+            self._number(actor)
+
+    def _fill(self) -> None:
+        """The traffic that is there when the scene begins."""
+        if self.roadside is not None:
+            self.roadside.update(self)
+        for flow in self.flows:
+            flow.fill(self)
+        if self.background is not None:
+            self.background.fill(self)
+        if self.flows or self.background is not None:
+            self.history.clear()
+            self.ego_history.clear()
+            self.light_history.clear()
+            self.refresh()
+
+    # -- who is there -----------------------------------------------------------------------------
+
+    def _number(self, actor: Actor) -> None:
+        actor.number = self.next_number
+        self.next_number += 1
+
+    def add(self, actor: Actor) -> None:
+        """Add an actor. It gets the next number, unless it has one."""
+        if actor.number < 0:
+            self._number(actor)
+        self.actors.append(actor)
+        self.by_number[actor.number] = actor
+
+    def remove(self, actor: Actor) -> None:
+        """Take an actor out of the world at the end of this step."""
+        self.leaving.add(actor.number)
+
+    def find(self, number: int) -> Actor | None:
+        """The actor with a number, None once it has left."""
+        return None if number in self.leaving else self.by_number.get(number)
+
+    def ego_distance_m(self, place_m: Sequence[float] | Float64) -> float:
+        """Distance of a point of `map` from the ego."""
+        x, y = self.ego.position
+        return math.hypot(place_m[0] - x, place_m[1] - y)
+
+    @property
+    def lamps(self) -> list[Lamp]:
+        """The lamps of all approaches of all junctions with a light, the ego's among them."""
+        return [Lamp(pose, light.colour_for(arm), light.junction, arm) for pose, light, arm in self.lamp_sites]
 
     # -- stepping ---------------------------------------------------------------------------------
 
     def step(self, control: Control) -> None:
-        """One physics step of `stride` / PHYSICS_HZ: all actors decide on the same state, then all move."""
+        """One physics step of `stride` / PHYSICS_HZ: all actors decide on the same state, then all move.
+
+        Vehicles decide at the decision rate, people and doors in every step.
+        """
         dt = self.stride / PHYSICS_HZ
         self.ego.command = control
         self._disturb()
-        find_leaders(self, [a for a in self.actors if isinstance(a, PathVehicle)])
+        decides = self.stride >= SUBSTEPS or self.physics_ticks % SUBSTEPS == 0
+        if decides:
+            vehicles = [actor for actor in self.actors if isinstance(actor, PathVehicle)]
+            find_leaders(self, vehicles)
+            self.rules.decide(self, vehicles)
         for actor in self.actors:
-            actor.think(self)
+            if decides or not isinstance(actor, PathVehicle):
+                actor.think(self)
         self.ego.step(dt)
         for actor in self.actors:
             actor.step(dt)
         self.physics_ticks += self.stride
         self.time_s = self.physics_ticks / PHYSICS_HZ
-        self.actors = [actor for actor in self.actors if not actor.gone]
         self._spawn_due_traffic()
         self.contacts += resolve_contacts(self, dt)
         self.route_s_m, self.route_lateral_m = self.route.project(
             float(self.ego.position[0]), float(self.ego.position[1]), self.route_s_m
         )
+        self.ego_stood_s = self.ego_stood_s + dt if abs(self.ego.speed) < STANDING_MPS else 0.0
+        if self.physics_ticks // RENEWAL_TICKS != (self.physics_ticks - self.stride) // RENEWAL_TICKS:
+            self._renew()
+        self._let_go()
         for light in self.lights:
             light.update(self.time_s, self.front_s_m)
         for sign in self.stop_signs:
             sign.update(self.front_s_m, self.ego.speed)
         self.refresh()
 
+    def _renew(self) -> None:
+        """Traffic that goes on for ever: add what is due out of sight, remove what has left."""
+        for actor in self.actors:
+            beyond = isinstance(actor, PathVehicle) and not actor.leaves_in_sight and actor.s_m > actor.ends_at_s_m
+            if beyond and self.ego_distance_m(actor.position) > HIDDEN_M:
+                self.remove(actor)
+        if self.roadside is not None:
+            self.roadside.update(self)
+        for flow in self.flows:
+            flow.update(self)
+        if self.background is not None:
+            self.background.update(self)
+
+    def _let_go(self) -> None:
+        if not self.leaving and not any(actor.gone for actor in self.actors):
+            return
+        for actor in self.actors:
+            if actor.gone or actor.number in self.leaving:
+                self.by_number.pop(actor.number, None)
+        self.actors = [actor for actor in self.actors if not actor.gone and actor.number not in self.leaving]
+        self.leaving = set()
+
     def fork(self, stride: int = 1) -> World:
         """A copy that can be stepped without changing this world, for drivers that plan by simulation.
 
-        stride: number of physics steps that one step of the fork replaces: larger is faster and coarser.
+        stride: number of physics steps that one step of the fork replaces: larger is faster and coarser. Traffic that
+        is not there yet is shared, and copied only when it enters the fork; what is due later than `FORK_S` is left
+        out.
         """
         fork = copy.copy(self)
         fork.stride = stride
+        fork.is_fork = True
         fork.ego = copy.copy(self.ego)
         fork.ego.position = self.ego.position.copy()
         fork.actors = [fork_of(actor) for actor in self.actors]
-        fork.pending = [(time_s, fork_of(actor)) for time_s, actor in self.pending]
-        fork.waiting = [(s_m, time_s, fork_of(actor)) for s_m, time_s, actor in self.waiting]
+        fork.by_number = {actor.number: actor for actor in fork.actors}
+        fork.leaving = set(self.leaving)
+        fork.pending = [entry for entry in self.pending if entry[0] < self.time_s + FORK_S]
+        fork.waiting = [entry for entry in self.waiting if entry[0] < self.route_s_m + FORK_S * FORK_MPS]
+        fork.flows = [flow.fork() for flow in self.flows]
+        fork.background = self.background and self.background.fork()
+        fork.roadside = self.roadside and self.roadside.fork()
         fork.lights = [copy.copy(light) for light in self.lights]
+        fork.light_of = {light.junction: light for light in fork.lights}
+        fork.lamp_sites = [(pose, fork.light_of[light.junction], arm) for pose, light, arm in self.lamp_sites]
         fork.stop_signs = [copy.copy(sign) for sign in self.stop_signs]
         fork.history = deque(maxlen=1)
         fork.ego_history, fork.light_history = deque(maxlen=1), deque(maxlen=1)
+        fork.roster = []
         fork.refresh()
         return fork
 
@@ -153,7 +276,8 @@ class World:
             room = actor.LENGTH + ENTRY_ROOM_M
             if any(np.abs(other.position - actor.position).max() <= room for other in (*self.actors, self.ego)):
                 return
-            self.actors.append(actor)
+            # The actor of a fork must not change: it belongs to the world that was forked.
+            self.add(fork_of(actor) if self.is_fork else actor)
             del self.pending[0]
 
     def _disturb(self) -> None:
@@ -169,17 +293,15 @@ class World:
         return self.route_s_m + self.ego.LENGTH / 2
 
     def speed_limit_at(self, s_m: float) -> float:
-        index = min(max(int(s_m * 2), 0), len(self.speed_limits) - 1)
-        return float(self.speed_limits[index])
+        return float(self.speed_limits[self.route.index_at(s_m)])
 
     def detour_offset_m(self, s_m: float) -> float:
         """Lateral offset of the reference detour from the route at `s_m`, left positive."""
-        index = min(max(int(s_m / SPACING_M), 0), len(self.detour_offsets_m) - 1)
-        return float(self.detour_offsets_m[index])
+        return float(self.detour_offsets_m[self.route.index_at(s_m)])
 
     def detour_window(self, s_m: float, ahead_m: float) -> Float64:
         """(M, 2) points of the reference detour from `s_m` to `s_m + ahead_m` of the route, 1 m apart."""
-        first = max(0, int(s_m / SPACING_M))
+        first = self.route.index_at(s_m)
         return self.detour_points_m[first : first + int(ahead_m / SPACING_M) : 2]
 
     def lateral_range_m(self, s_m: float) -> tuple[float, float]:
@@ -204,12 +326,15 @@ class World:
         Every call adds one entry to the histories, so the BEV masks see it as one more physics step.
         """
         everything = [*self.actors, self.ego]
-        self._index = {id(actor): i for i, actor in enumerate(everything)}
+        if self.roster != everything:
+            self.roster = everything
+            self._index = {id(actor): i for i, actor in enumerate(everything)}
+            self.half_widths = np.array([a.WIDTH / 2 for a in everything])
+            self.half_lengths = np.array([a.LENGTH / 2 for a in everything])
+            self.walks = np.array([isinstance(a, Walker) for a in everything])
         self.positions = np.array([a.position for a in everything])
         self.headings = np.array([a.heading for a in everything])
         self.speeds = np.array([a.speed for a in everything])
-        self.half_widths = np.array([a.WIDTH / 2 for a in everything])
-        self.half_lengths = np.array([a.LENGTH / 2 for a in everything])
         poses = np.column_stack([self.positions, self.headings])
         self.history.appendleft((list(self.actors), poses[:-1]))
         self.ego_history.appendleft((poses[-1, 0], poses[-1, 1], poses[-1, 2]))
@@ -219,10 +344,9 @@ class World:
 
     def _build_detour(self) -> None:
         spec = self.scene.route
-        stations = range(len(self.route.points_m))
-        self.detour_offsets_m = np.array(
-            [_offset_m(spec.lane, spec.lane, spec.detour, i * SPACING_M) for i in stations]
-        )
+        stations = [self.route.station(i) for i in range(len(self.route.points_m))]
+        width = self.scene.layout.lane_width_m
+        self.detour_offsets_m = np.array([offset_m(spec.lane, spec.lane, spec.detour, s, width) for s in stations])
         yaw = self.route.headings_rad
         self.detour_points_m = self.route.points_m + self.detour_offsets_m[:, None] * np.stack(
             [-np.sin(yaw), np.cos(yaw)], 1
@@ -234,102 +358,7 @@ class World:
                 continue
             back = spec.detour[i + 1] if i + 1 < len(spec.detour) else None
             end = self.route.length_m if back is None else back.s_m + back.over_m
-            self.detours.append((out.s_m, end, -(out.to_lane - spec.lane) * LANE_WIDTH_M))
-
-    def _light(self, spec: LightSpec) -> TrafficLight:
-        entry, pole = self._junction_entry(spec.junction, beyond=True)
-        return TrafficLight(entry, spec.phases, spec.trigger_m, pole)
-
-    def _stop_sign(self, junction: int) -> StopSign:
-        entry, pole = self._junction_entry(junction, beyond=False)
-        return StopSign(entry, pole)
-
-    def _junction_entry(self, junction: int, *, beyond: bool) -> tuple[float, tuple[float, float, float]]:
-        """(arc length of the stop line on the route, pose of a pole right of the road before or after the junction)."""
-        site = self.road.junctions[junction]
-        cos, sin = math.cos(site.heading_rad), math.sin(site.heading_rad)
-        back = -site.half_size_m
-        x, y = site.centre_m[0] + back * cos, site.centre_m[1] + back * sin
-        line_s, _ = self.route.project(x, y)
-        along = site.half_size_m + 1.0 if beyond else back - 1.0
-        aside = -(self.scene.layout.forward_lanes * LANE_WIDTH_M + 1.5)
-        pole = (
-            site.centre_m[0] + along * cos - aside * sin,
-            site.centre_m[1] + along * sin + aside * cos,
-            site.heading_rad + math.pi,
-        )
-        return line_s - 0.6, pole
-
-    def _actor(self, spec: ActorSpec, rng: Rng) -> Actor:
-        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng)
-        if isinstance(spec, WalkerSpec):
-            return Walker(self.route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.delay_s, spec.kind, look)
-        if isinstance(spec, DoorSpec):
-            return CarDoor(self.route, spec.s_m, spec.hinge_m, spec.trigger_m, look)
-        if isinstance(spec, StandingSpec):
-            x, y, yaw = self.route.pose(spec.s_m, spec.lateral_m)
-            return StandingObject(x, y, yaw + spec.yaw_rad, spec.kind, look)
-        path = self._traffic_path(spec)
-        waits = ()
-        number = next((i for i, light in enumerate(self.scene.lights) if light.junction == spec.junction), None)
-        if spec.obeys_light and number is not None:
-            crosses = isinstance(spec.on, tuple) and spec.on[0] in ('left', 'right')
-            entry = self._stop_line_s_m(spec, path)
-            open_at = 'red' if crosses else 'green'
-            waits = ((entry, lambda world: world.lights[number].colour != open_at),)
-        target = spec.speed_mps if spec.target_speed_mps is None else spec.target_speed_mps
-        return PathVehicle(
-            path,
-            spec.s_m,
-            spec.speed_mps,
-            target,
-            spec.kind,
-            look,
-            spec.scripts,
-            ignores_traffic=spec.ignores_traffic,
-            waits_at_m=waits,
-            lateral_m=spec.lateral_m,
-            steered=self._meeting(spec, path) if spec.meets_ego else spec.pacing,
-            has_priority=spec.has_priority,
-            time_gap_s=spec.time_gap_s,
-            ends_at_s_m=spec.ends_at_s_m,
-        )
-
-    def _meeting(self, spec: TrafficSpec, path: Path) -> Meeting:
-        """Conflict point of a vehicle and the ego: the closest pair of points on their paths within the junction."""
-        site = self.road.junctions[spec.junction]
-        reach = site.half_size_m + 2.0
-        own, ego = (np.abs(p.points_m - site.centre_m).max(axis=1) < reach for p in (path, self.route))
-        own_at, ego_at = np.flatnonzero(own), np.flatnonzero(ego)
-        gaps = path.points_m[own_at, None] - self.route.points_m[None, ego_at]
-        i, j = np.unravel_index(np.argmin(np.einsum('abk,abk->ab', gaps, gaps)), (len(own_at), len(ego_at)))
-        return Meeting(float(own_at[i]) * SPACING_M, float(ego_at[j]) * SPACING_M)
-
-    def _stop_line_s_m(self, spec: TrafficSpec, path: Path) -> float:
-        """Arc length of a vehicle's stop line before junction `spec.junction`, on its path."""
-        site = self.road.junctions[spec.junction]
-        arm = spec.on[0] if isinstance(spec.on, tuple) else 'back'
-        yaw = site.heading_rad + (math.pi if arm == 'back' else ARM_TURN_RAD[arm])
-        x = site.centre_m[0] + (site.half_size_m + 0.6) * math.cos(yaw)
-        y = site.centre_m[1] + (site.half_size_m + 0.6) * math.sin(yaw)
-        return path.project(x, y)[0]
-
-    def _traffic_path(self, spec: TrafficSpec) -> Path:
-        """The path of a vehicle. Vehicles share `Path` objects, which is how `find_leaders` groups them."""
-        key = (spec.on, spec.lane, spec.junction)
-        if key not in self.paths:
-            self.paths[key] = self._new_path(spec)
-        return self.paths[key]
-
-    def _new_path(self, spec: TrafficSpec) -> Path:
-        if spec.on == 'forward':
-            return self.road.forward_path(spec.lane)
-        if spec.on == 'backward':
-            return self.road.backward_path(spec.lane)
-        if spec.on == 'ramp':
-            return self.road.ramp_path()
-        source, target = spec.on
-        return self.road.crossing_path(spec.junction, source, target, spec.lane)
+            self.detours.append((out.s_m, end, -(out.to_lane - spec.lane) * width))
 
 
 def _draw(scenario: Scenario, draw: Draw) -> tuple[Draw, Scene, RoadMap]:
@@ -343,43 +372,3 @@ def _draw(scenario: Scenario, draw: Draw) -> tuple[Draw, Scene, RoadMap]:
             pass
         draw = draw.again()
     raise LayoutError(f'{scenario.name}: no drivable layout of {draw.split} in {DRAW_ATTEMPTS} draws')
-
-
-def _route_path(scene: Scene, road: RoadMap) -> Path:
-    spec = scene.route
-    if spec.from_ramp:
-        return road.ramp_path()
-    base = min(round(spec.lane), scene.layout.forward_lanes - 1)
-    path = road.forward_path(base)
-    for change in (*spec.changes, *spec.detour):
-        if path.curvature(change.s_m, change.over_m) > STRAIGHT_1PM:
-            raise ValueError(f'RouteSpec: lane changes need straight road, here at {change.s_m:.0f} m')
-    if not spec.changes:
-        return path
-    shifted = path.shifted(lambda s_m: _offset_m(spec.lane, base, spec.changes, s_m))
-    if not spec.to_exit:
-        return shifted
-    away = road.exit_path()
-    end_s_m, _ = shifted.project(float(away.points_m[0, 0]), float(away.points_m[0, 1]))
-    return Path(np.concatenate([shifted.points_m[: int(end_s_m / SPACING_M)], away.points_m]))
-
-
-def _offset_m(start_lane: float, base_lane: float, changes: tuple[LaneChange, ...], s_m: float) -> float:
-    """Lateral offset (left positive) from lane `base_lane` after starting in `start_lane` and making `changes`."""
-    lane, offset = start_lane, -(start_lane - base_lane) * LANE_WIDTH_M
-    for change in changes:
-        offset -= (change.to_lane - lane) * LANE_WIDTH_M * smooth_step(s_m, change.s_m, change.over_m)
-        lane = change.to_lane
-    return offset
-
-
-def _speed_profile(route: Path, limit_mps: float) -> Float64:
-    """Advised speed (m/s) every 0.5 m: the limit, reduced in curves and on the braking distance before them."""
-    headings = route.headings_rad
-    curvature = np.abs(np.gradient(headings, 0.5))
-    kernel = np.ones(9) / 9
-    curvature = np.convolve(np.pad(curvature, 4, mode='edge'), kernel, mode='valid')
-    speed = np.minimum(limit_mps, np.sqrt(CURVE_LATERAL_MPS2 / np.maximum(curvature, 1e-3)))
-    for i in range(len(speed) - 2, -1, -1):
-        speed[i] = min(speed[i], math.sqrt(speed[i + 1] ** 2 + 2 * CURVE_BRAKING_MPS2 * 0.5))
-    return speed

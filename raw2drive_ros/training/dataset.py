@@ -32,18 +32,20 @@ from numpy.typing import NDArray
 from msg_adapters.factory import RosbagsFactory
 from raw2drive_ros.artifact import whole_folder
 from raw2drive_ros.contracts import topics
-from raw2drive_ros.contracts.errors import BagError
+from raw2drive_ros.contracts.errors import BagError, ContractError
+from raw2drive_ros.contracts.privileged import Advice, PrivilegedFrame
 from raw2drive_ros.contracts.public import CameraCalibration
 from raw2drive_ros.driving.preprocessing import RouteProgress, raw_vector
 from raw2drive_ros.recording.bag_info import provenance_of
 from raw2drive_ros.recording.bag_reader import open_bag, read_calibrations, require_topics
 from raw2drive_ros.recording.line_reader import time_lines
 from raw2drive_ros.recording.ticks import BagTick, TickCounts, camera_topics, read_advice, read_ticks
-from raw2drive_ros.tables.vector_layout import EGO_SIZE, VECTOR_SIZE
+from raw2drive_ros.tables.vector_layout import VECTOR_SIZE
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.mask_codec import MaskCodec
+from raw2drive_ros.world_model.privileged_inputs import extra_topics, masks_of, vector_of
 
-CACHE_VERSION = 7
+CACHE_VERSION = 8
 ARRAYS = ('masks', 'ego', 'vector', 'action', 'advice', 'reward', 'flags')
 FIRST, TERMINAL, LAST, CUT = 1, 2, 4, 8
 # In bags of this driver that hold no advice, its actions are taken as the advice.
@@ -79,11 +81,11 @@ class Losses:
 class BagArrays:
     """The N ticks of one bag.
 
-    masks: (N, packed_bytes) uint8, see `MaskCodec`. ego: (N, 5). vector: (N, V). action: (N,) int64, which LED to the
-    tick, -1 at the first tick of a sequence. advice: (N,) int64, what the expert would do AT the tick, -1 where it was
-    not asked. reward: (N,), for arriving at the tick. flags: (N,) bits FIRST, TERMINAL, LAST, CUT. images:
-    (N, views, height, width, 3) uint8 or None. episodes: their names. driver: who drove, from the bag's provenance.
-    losses: what of the bag is not in the arrays.
+    masks: (N, packed_bytes) uint8, see `MaskCodec`. ego: (N, E), the `ego_fields` of the configuration. vector: (N, V).
+    action: (N,) int64, which LED to the tick, -1 at the first tick of a sequence. advice: (N,) int64, what the expert
+    would do AT the tick, -1 where it was not asked. reward: (N,), for arriving at the tick. flags: (N,) bits FIRST,
+    TERMINAL, LAST, CUT. images: (N, views, height, width, 3) uint8 or None. episodes: their names. driver: who drove,
+    from the bag's provenance. losses: what of the bag is not in the arrays.
     """
 
     path: Path
@@ -117,11 +119,11 @@ def bag_identity(path: Path) -> str:
 def load_bag(path: Path, cache_root: Path, config: ModelConfig, *, cameras: bool) -> BagArrays:
     """The arrays of a bag, from the cache, which is built where it is missing. Raises BagError."""
     codec = MaskCodec(config)
-    layout = json.dumps([config.mask_classes, config.mask_size, config.patch, cameras, CACHE_VERSION], sort_keys=True)
+    layout = json.dumps(_layout(config) | {'cameras': cameras, 'version': CACHE_VERSION}, sort_keys=True)
     identity = bag_identity(path)
     folder = cache_root / f'{identity}-{hashlib.sha256(layout.encode()).hexdigest()[:8]}'
     if not (folder / 'episodes.json').is_file():
-        _build(path, folder, codec, cameras=cameras)
+        _build(path, folder, codec, config, cameras=cameras)
     arrays: dict[str, Any] = {name: np.load(folder / f'{name}.npy', mmap_mode='r') for name in ARRAYS}
     images = np.load(folder / 'images.npy', mmap_mode='r') if cameras else None
     episodes = json.loads((folder / 'episodes.json').read_text())
@@ -133,9 +135,15 @@ def load_bag(path: Path, cache_root: Path, config: ModelConfig, *, cameras: bool
     )
 
 
-def _build(path: Path, folder: Path, codec: MaskCodec, *, cameras: bool) -> None:
+def _layout(config: ModelConfig) -> dict[str, Any]:
+    """What of a configuration decides on the content of the arrays."""
+    return config.model_dump(mode='json', include={'mask_classes', 'mask_size', 'patch', 'masks', 'ego_fields'})
+
+
+def _build(path: Path, folder: Path, codec: MaskCodec, config: ModelConfig, *, cameras: bool) -> None:
     purpose = 'training the raw stream' if cameras else 'training the privileged stream'
     wanted = [topics.BEV, topics.EGO, topics.TRANSITION, topics.IMU, topics.ODOMETRY, topics.ROUTE]
+    wanted += extra_topics(config)
     with open_bag(path) as reader:
         if cameras:
             held = set(camera_topics(reader).values())
@@ -147,28 +155,46 @@ def _build(path: Path, folder: Path, codec: MaskCodec, *, cameras: bool) -> None
             shutil.rmtree(folder)
         with whole_folder(folder, keep_existing=True) as partial:
             counts = TickCounts()
-            episodes = _fill(reader, path, partial, codec, count, counts, cameras=cameras)
+            episodes = _fill(reader, path, partial, codec, config, count, counts, cameras=cameras)
             if counts.ticks == 0:
                 raise BagError('; '.join([f'{path}: holds no complete tick', *counts.verdicts.lines()]))
             (partial / 'losses.json').write_text(json.dumps(asdict(Losses.of(counts))))
             (partial / 'episodes.json').write_text(json.dumps(episodes))
 
 
-def _drives(reader: Any, path: Path, counts: TickCounts, *, cameras: bool) -> Iterator[tuple[BagTick, dict[int, int]]]:
+def _drives(
+    reader: Any, path: Path, counts: TickCounts, extras: Sequence[str], *, cameras: bool
+) -> Iterator[tuple[BagTick, dict[int, Advice]]]:
     """Every tick with the advice of its time line: a bag in which time goes back holds several, which share stamps."""
     for number, line in enumerate(time_lines(reader)):
         counts.back += number > 0
         advised = read_advice(line, RosbagsFactory(), counts.verdicts)
-        for tick in read_ticks(line, path, cameras=cameras, counts=counts):
+        for tick in read_ticks(line, path, cameras=cameras, counts=counts, extras=extras):
             yield tick, advised
 
 
+def _inputs(frame: PrivilegedFrame, path: Path, config: ModelConfig) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+    """(masks, vector) that a model reads. Raises BagError where the bag lacks some of it."""
+    try:
+        return masks_of(frame, config), vector_of(frame, config)
+    except ContractError as error:
+        raise BagError(f'{path}: {error}; collect anew, or train with the `ego_fields` that the bag has') from error
+
+
 def _fill(
-    reader: Any, path: Path, folder: Path, codec: MaskCodec, count: int, counts: TickCounts, *, cameras: bool
+    reader: Any,
+    path: Path,
+    folder: Path,
+    codec: MaskCodec,
+    config: ModelConfig,
+    count: int,
+    counts: TickCounts,
+    *,
+    cameras: bool,
 ) -> list[str]:
     """Write the arrays of at most `count` ticks; returns the names of the episodes."""
     masks = np.zeros((count, codec.packed_bytes), np.uint8)
-    ego = np.zeros((count, EGO_SIZE), np.float32)
+    ego = np.zeros((count, config.ego_size), np.float32)
     vector = np.zeros((count, VECTOR_SIZE), np.float32)
     action, advice = np.zeros(count, np.int64), np.full(count, -1, np.int64)
     reward = np.zeros(count, np.float32)
@@ -176,17 +202,19 @@ def _fill(
     images: Any = None
     episodes: list[str] = []
     progress, n, back = RouteProgress(), 0, 0
-    for tick, advised in _drives(reader, path, counts, cameras=cameras):
+    for tick, advised in _drives(reader, path, counts, extra_topics(config), cameras=cameras):
         assert tick.privileged is not None and tick.transition is not None
         step = tick.transition
         if counts.back != back:
             progress, back = RouteProgress(), counts.back
         progress.update(tick.route, tick.odometry)
-        masks[n], ego[n] = codec.pack(tick.privileged.bev), tick.privileged.ego
+        bev, ego[n] = _inputs(tick.privileged, path, config)
+        masks[n] = codec.pack(bev)
         vector[n] = raw_vector(tick.imu, tick.odometry, progress)
         cut = tick.starts_segment and not step.is_first
         action[n], reward[n] = -1 if cut else step.action, step.reward
-        advice[n] = advised.get(tick.stamp_ns, -1)
+        if tick.stamp_ns in advised:
+            advice[n] = advised[tick.stamp_ns].action
         flags[n] = FIRST * (step.is_first or cut) + TERMINAL * step.is_terminal + LAST * step.is_last + CUT * cut
         if tick.starts_episode:
             episodes.append(tick.episode)

@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from raw2drive_ros.contracts.actions import ACTION_COUNT
-from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.training.config import RunConfig
 from raw2drive_ros.training.imagination import choose_starts, imagine, policy_losses, start_noise, update_policy
 from raw2drive_ros.training.losses import decoded_rows, dynamics_losses, reconstruction_losses, weighted_sum
@@ -37,7 +36,8 @@ class PrivilegedTrainer:
         torch.manual_seed(train.seed)
         self.config, self.ranks = config, ranks
         self.channel_weights = config.channel_weights()
-        self.model = PrivilegedWorldModel(config.model, EGO_SIZE, ACTION_COUNT, advised=train.weight_advice > 0)
+        advised = train.weight_advice > 0
+        self.model = PrivilegedWorldModel(config.model, config.model.ego_size, ACTION_COUNT, advised=advised)
         self.policy = Policy(config.model, ACTION_COUNT)
         self.generator = torch.Generator().manual_seed(train.seed)
         self.steps = 0

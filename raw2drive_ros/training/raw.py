@@ -9,7 +9,7 @@ from torch import Tensor
 
 from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.contracts.public import CameraCalibration
-from raw2drive_ros.tables.vector_layout import EGO_SIZE, VECTOR_SIZE
+from raw2drive_ros.tables.vector_layout import VECTOR_SIZE
 from raw2drive_ros.training.config import RunConfig
 from raw2drive_ros.training.guidance import PairedRollout, guidance_losses, observe_pair
 from raw2drive_ros.training.imagination import (
@@ -49,7 +49,9 @@ class RawTrainer:
         self.channel_weights = config.channel_weights()
         self.teacher = teacher.model.requires_grad_(requires_grad=False).eval()
         self.teacher_policy = teacher.policy.requires_grad_(requires_grad=False).eval()
-        self.model = RawWorldModel(config.model, rig, VECTOR_SIZE, EGO_SIZE, ACTION_COUNT, tuple(t.raw_heads))
+        self.model = RawWorldModel(
+            config.model, rig, VECTOR_SIZE, config.model.ego_size, ACTION_COUNT, tuple(t.raw_heads)
+        )
         self.model.initialise_from(self.teacher, rssm=t.share_rssm, decoder=t.share_decoder)
         self.policy = Policy(config.model, ACTION_COUNT)
         if t.policy_init != 'fresh':

@@ -18,7 +18,7 @@ from raw2drive_ros.world_model.mask_codec import MaskCodec
 
 @dataclass(slots=True)
 class Batch:
-    """masks: (B, T, C*P*P, G, G) float. ego: (B, T, 5). vector: (B, T, V). action: (B, T, A) one-hot of the
+    """masks: (B, T, C*P*P, G, G) float. ego: (B, T, E). vector: (B, T, V). action: (B, T, A) one-hot of the
     action that LED to step t (zero at the first). reward, cont: (B, T), of arriving at t. is_first: (B, T)
     bool, where a sequence begins: an episode, or what follows a gap (`training.dataset`). advice: (B, T, A)
     one-hot of what the expert would do AT step t, zero where it was not asked. images: (B, T, views, height,

@@ -22,7 +22,7 @@ class Observation(NamedTuple):
     """The inputs of one stream in one tick, for B cars.
 
     view: raw stream (B, views, height, width, 3) uint8 RGB images, privileged stream (B, C*P*P, G, G) masks.
-    vector: (B, V), in the order of `vector_layout.VECTOR_FIELDS` or `EGO_FIELDS`.
+    vector: (B, V), in the order of `vector_layout.VECTOR_FIELDS` or `ModelConfig.ego_fields`.
     """
 
     view: Tensor

@@ -47,7 +47,7 @@ class BevEncoder(nn.Module):
 
 
 class BevDecoder(nn.Module):
-    """Feature (N, F) -> mask logits (N, C*P*P, G, G); `ego`: the ego vector (N, 5) in symlog space."""
+    """Feature (N, F) -> mask logits (N, C*P*P, G, G); `ego`: the privileged vector (N, V) in symlog space."""
 
     def __init__(self, config: ModelConfig, vector_size: int) -> None:
         super().__init__()

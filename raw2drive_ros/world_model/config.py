@@ -8,6 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from raw2drive_ros.settings import Strict
 from raw2drive_ros.tables.bev_channels import CHANNELS
+from raw2drive_ros.tables.vector_layout import BASIC_EGO_FIELDS, PRIVILEGED_FIELDS
 
 # Far above any model of this project. A configuration may come with a bundle of unknown origin, and networks are built
 # before their weights are read.
@@ -18,9 +19,17 @@ _MOST_HEIGHTS = 32
 
 
 class ModelConfig(Strict):
-    """Sizes of one model. mask_classes: name -> BEV channels that are merged into it."""
+    """Sizes of one model, and what it reads of a privileged frame. mask_classes: name -> BEV channels that are merged
+    into it."""
 
     mask_classes: dict[str, list[str]]
+    # Bundles of before there were more fields do not name them.
+    ego_fields: tuple[str, ...] = Field(
+        BASIC_EGO_FIELDS, description='privileged vector input, which both decoders reconstruct: ego and signal fields'
+    )
+    masks: Literal['all', 'visible'] = Field(
+        'all', description='visible: dynamic masks of what the cameras have shown within the last 2 s'
+    )
     mask_size: int = Field(64, description='masks are downsampled from 128 to this side')
     patch: int = Field(8, description='space-to-depth factor: the grid of e_t has mask_size / patch cells')
     grid_features: int = 32
@@ -55,6 +64,15 @@ class ModelConfig(Strict):
             raise ValueError(f'unknown BEV channels: {", ".join(unknown)}')
         return value
 
+    @field_validator('ego_fields')
+    @classmethod
+    def _known_fields(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if unknown := [name for name in value if name not in PRIVILEGED_FIELDS]:
+            raise ValueError(f'unknown ego_fields: {", ".join(unknown)}; known: {", ".join(PRIVILEGED_FIELDS)}')
+        if not value or len(set(value)) < len(value):
+            raise ValueError('ego_fields: at least one, and none twice')
+        return value
+
     @model_validator(mode='after')
     def _plausible(self) -> ModelConfig:
         for name, value in self:
@@ -73,6 +91,10 @@ class ModelConfig(Strict):
     @property
     def grid(self) -> int:
         return self.mask_size // self.patch
+
+    @property
+    def ego_size(self) -> int:
+        return len(self.ego_fields)
 
     @property
     def stoch_size(self) -> int:

@@ -31,7 +31,6 @@ from raw2drive_ros.artifact import (
 from raw2drive_ros.bounds import MAX_CHECKPOINT_BYTES, read_json
 from raw2drive_ros.contracts.actions import ACTION_COUNT, table_hash
 from raw2drive_ros.contracts.errors import CheckpointError
-from raw2drive_ros.tables.vector_layout import EGO_SIZE
 from raw2drive_ros.world_model.actor_critic import Policy
 from raw2drive_ros.world_model.config import ModelConfig
 from raw2drive_ros.world_model.parameter_budget import parameter_budget
@@ -132,7 +131,7 @@ def _untrained(config: dict[str, Any], source: Path, weights: str) -> Teacher:
         advised = float(train.get('weight_advice', 0.0)) > 0.0
         gamma = float(train['gamma'])
         with parameter_budget(source / weights, MAX_CHECKPOINT_BYTES):
-            networks = PrivilegedWorldModel(model, EGO_SIZE, ACTION_COUNT, advised=advised)
+            networks = PrivilegedWorldModel(model, model.ego_size, ACTION_COUNT, advised=advised)
             return Teacher(model, networks, Policy(model, ACTION_COUNT), gamma)
     except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RuntimeError, IndexError) as error:
         # Whatever impossible sizes lead to when networks are built.

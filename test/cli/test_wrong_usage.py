@@ -99,7 +99,7 @@ def test_an_option_without_effect_or_out_of_range_is_an_error(words, message, ca
         (['evaluate', '--drivr', 'rule'], 'did you mean --driver?'),
         (['bag', 'inof', 'x'], 'did you mean info?'),
         (['evaluate', '--driver', 'exprt'], 'did you mean expert?'),
-        (['collect', '--driver', 'privleged', '--out', 'x'], 'did you mean privileged?'),
+        (['collect', '--driver', 'privleged', '--out', 'x'], 'did you mean privileged'),
         (['scenario', 'show', 'Acident'], 'did you mean Accident or AccidentTwoWays?'),
         (['sim', '--scenario', 'parkingexit'], 'did you mean ParkingExit?'),
         (['evaluate', '--driver', 'rule', '--routes', 'mergin'], 'did you mean Merging?'),

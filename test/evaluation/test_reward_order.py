@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from raw2drive_ros.evaluation.suites import benchmark_types, load_suite
+from raw2drive_ros.evaluation.suite_plans import benchmark_types
+from raw2drive_ros.evaluation.suites import load_suite
 from raw2drive_ros.report.reward_plot import RewardTrace, trace
 
 BAD = ('constant', 'idm', 'rule', 'random')

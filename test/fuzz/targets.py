@@ -9,6 +9,7 @@ import atexit
 import shutil
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -21,6 +22,13 @@ from msg_adapters.commands import decision_from_message, decision_to_message
 from msg_adapters.compressed import compressed_image_to_message, image_from_compressed_message
 from msg_adapters.diagnostics import diagnostics_from_message
 from msg_adapters.factory import RosbagsFactory
+from msg_adapters.privileged import (
+    advice_from_message,
+    ego_from_message,
+    signals_from_message,
+    transition_from_message,
+)
+from msg_adapters.privileged_actors import actors_from_message, actors_to_message
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import (
     BagError,
@@ -34,6 +42,7 @@ from raw2drive_ros.contracts.errors import (
     UnknownSuiteError,
     UnknownWeatherError,
 )
+from raw2drive_ros.contracts.privileged import ACTOR_DTYPE
 from raw2drive_ros.contracts.public import Control, Decision, ImuSample, OdometrySample, Route
 from raw2drive_ros.driving.bundle import load_bundle
 from raw2drive_ros.driving.gate_config import load_gate_config
@@ -61,11 +70,22 @@ READERS: dict[str, Callable[[Any], Any]] = {
     'sensor_msgs/msg/Imu': sensors.imu_from_message,
     'nav_msgs/msg/Odometry': sensors.odometry_from_message,
     'nav_msgs/msg/Path': sensors.route_from_message,
-    'sensor_msgs/msg/JointState': decision_from_message,
+    'sensor_msgs/msg/JointState': lambda message: _named_values(message),
+    'sensor_msgs/msg/PointCloud2': actors_from_message,
     'geometry_msgs/msg/TransformStamped': sensors.transform_from_message,
     'diagnostic_msgs/msg/DiagnosticArray': diagnostics_from_message,
     'sensor_msgs/msg/CameraInfo': lambda info: sensors.calibration_from_messages('front', info, _mounting()),
 }
+
+
+SMALL_BAG = (
+    topics.ODOMETRY,
+    topics.IMU,
+    topics.ROUTE,
+    topics.PROPOSED,
+    topics.ACTORS,
+    topics.compressed_topic('front'),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +139,17 @@ def _message(data: bytes) -> None:
     READERS[kind](message)
 
 
+def _named_values(message: Any) -> None:
+    """Whatever topic it comes on; the last verdict is that on a command."""
+    for read in (ego_from_message, signals_from_message, advice_from_message, transition_from_message):
+        with suppress(ContractError):
+            read(message)
+    decision_from_message(message)
+
+
 def _messages() -> list[bytes]:
+    actors = np.zeros(3, ACTOR_DTYPE)
+    actors['number'] = range(3)
     image = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
     raw = sensors.new_image(FACTORY, 'front', 6, 8)
     sensors.fill_image(raw, image, 5)
@@ -131,6 +161,7 @@ def _messages() -> list[bytes]:
         'nav_msgs/msg/Path': sensors.route_to_message(FACTORY, Route(5, np.array([[0.0, 0.0], [30.0, 1.0]]))),
         'sensor_msgs/msg/JointState': decision_to_message(FACTORY, Decision(5, Control(0.5), 3)),
         'geometry_msgs/msg/TransformStamped': _mounting(),
+        'sensor_msgs/msg/PointCloud2': actors_to_message(FACTORY, actors, 5),
     }
     kinds = sorted(READERS)
     return [
@@ -144,13 +175,13 @@ def _messages() -> list[bytes]:
 
 @cache
 def _small_bag() -> Path:
-    """A bag of a second: odometry, IMU, route, a command, a compressed picture."""
+    """A bag of a second: odometry, IMU, route, a command, actors, a compressed picture."""
     folder = scratch() / 'small'
     by_type = {kind: data[1:] for kind, data in zip(sorted(READERS), _messages(), strict=True)}
     with BagWriter(folder, {'note': 'small'}) as bag:
         for tick in range(10):
             stamp = tick * 100_000_000
-            for topic in (topics.ODOMETRY, topics.IMU, topics.ROUTE, topics.PROPOSED, topics.compressed_topic('front')):
+            for topic in SMALL_BAG:
                 bag.write_raw(topic, stamp, by_type[topics.BY_NAME[topic].msgtype])
             if tick % 4 == 0:
                 bag.flush()

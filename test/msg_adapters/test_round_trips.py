@@ -11,7 +11,7 @@ from msg_adapters.factory import RclpyFactory, RosbagsFactory
 from msg_adapters.stamps import set_stamp, stamp_ns
 from raw2drive_ros.contracts.actions import ACTION_COUNT
 from raw2drive_ros.contracts.errors import ContractError
-from raw2drive_ros.contracts.privileged import PrivilegedFrame, Transition
+from raw2drive_ros.contracts.privileged import Advice, PrivilegedFrame, Transition
 from raw2drive_ros.contracts.public import Control, Decision, ImuSample, OdometrySample, Route
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.tables.bev_channels import CHANNEL_COUNT
@@ -225,9 +225,9 @@ def test_rclpy_and_rosbags_read_each_others_bytes() -> None:
 @pytest.mark.parametrize('action', [-1, ACTION_COUNT, float('nan')])
 def test_advice_outside_the_table_is_refused(action) -> None:
     factory = RosbagsFactory()
-    assert privileged.advice_from_message(privileged.advice_to_message(factory, 5, 42)) == (42, 5)
+    assert privileged.advice_from_message(privileged.advice_to_message(factory, Advice(42, 5))) == Advice(42, 5)
     with pytest.raises(ContractError, match=r'not in the table|not finite'):
-        privileged.advice_from_message(privileged.advice_to_message(factory, action, 42))
+        privileged.advice_from_message(privileged.advice_to_message(factory, Advice(42, action)))
 
 
 @factories

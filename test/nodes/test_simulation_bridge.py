@@ -121,7 +121,7 @@ def test_the_bridges_publish_exactly_these_topics_whatever_the_prose_of_the_tabl
         for name in ('image_raw', 'image_raw/compressed', 'camera_info', 'extrinsics')
     ]
     motion = ['/sensing/imu', '/sensing/imu/extrinsics', '/vehicle/odometry', '/planning/route']
-    privileged = ['/privileged/bev', '/privileged/ego', '/privileged/transition']
+    privileged = [f'/privileged/{name}' for name in ('bev', 'bev_visible', 'ego', 'signals', 'actors', 'transition')]
     with reserve_domain(None) as domain:
         child = subprocess.run(
             [sys.executable, '-c', BRIDGES],

@@ -14,7 +14,7 @@ from msg_adapters.privileged import (
 )
 from raw2drive_ros.contracts import topics
 from raw2drive_ros.contracts.errors import ContractError
-from raw2drive_ros.contracts.privileged import BEV_SHAPE, PrivilegedFrame, Transition
+from raw2drive_ros.contracts.privileged import BEV_SHAPE, Advice, PrivilegedFrame, Transition
 from raw2drive_ros.contracts.public import ImuSample, OdometrySample, Route
 from raw2drive_ros.contracts.verdicts import Verdicts
 from raw2drive_ros.recording.ticks import MOTION_SAMPLES, PENDING_TICKS, BagTick, TickAssembler, TickCounts
@@ -181,7 +181,7 @@ def test_an_ego_vector_out_of_range_is_refused(index, value) -> None:
 
 @pytest.mark.parametrize('action', [2.5, -1.0, 39.0])
 def test_advice_that_is_no_action_is_refused(action) -> None:
-    message = advice_to_message(FACTORY, 3, 7)
+    message = advice_to_message(FACTORY, Advice(7, 3))
     message.position[0] = action
     with pytest.raises(ContractError, match='action'):
         advice_from_message(message)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from raw2drive_ros.evaluation.suites import benchmark_types
+from raw2drive_ros.evaluation.suite_plans import benchmark_types
 from raw2drive_ros.report.gallery import page
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'

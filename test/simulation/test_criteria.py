@@ -21,6 +21,7 @@ from raw2drive_ros.simulation.criteria import (
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.footprint import ego_corners_m
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M
+from raw2drive_ros.simulation.road_surface import OFF, PIXELS_PER_M, SHOULDER, SIDEWALK
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ
 
@@ -67,18 +68,17 @@ def test_the_oncoming_lane_is_open_only_past_an_obstacle() -> None:
     assert not on_road(world)
 
 
-class Kerb:
-    """A surface that ends 0.2 m right of the ego's lane."""
-
-    def __init__(self, world: World) -> None:
-        self.world = world
-
-    def kind_at(self, points_m: np.ndarray) -> np.ndarray:
-        from raw2drive_ros.simulation import road_surface
-
-        _, laterals = self.world.route.project_many(points_m, self.world.route_s_m, 10.0)
-        beyond = laterals < -LANE_WIDTH_M / 2 - 0.2
-        return np.where(beyond, road_surface.SIDEWALK, road_surface.FORWARD).astype(np.uint8)
+@pytest.mark.parametrize(('kind', 'inside'), [(SIDEWALK, False), (SHOULDER, True), (OFF, False)])
+def test_a_corner_over_the_kerb_is_outside_however_near_the_lane(monkeypatch, kind, inside) -> None:
+    """The surface right of the lane is changed, 0.2 m from its edge."""
+    world = driving().world
+    place(world, 30.0, -1.0)
+    right = ego_corners_m(world)[2:]
+    there = np.floor((right - world.road.surface.origin_m) * PIXELS_PER_M).astype(int)
+    kinds = world.road.surface.kinds.copy()
+    kinds[there[:, 1], there[:, 0]] = kind
+    monkeypatch.setattr(world.road.surface, 'kinds', kinds)
+    assert on_road(world) == inside
 
 
 def straddler(side: int):
@@ -243,7 +243,7 @@ def test_crossing_traffic_is_a_reason_and_a_follower_is_none() -> None:
     assert stand(with_actors(env, follower), 2.0) > 1.5
     env = driving()
     oncoming = PathVehicle(env.world.road.backward_path(0), 0.0, 8.0, 8.0, ignores_traffic=True)
-    oncoming.s_m = oncoming.path.length_m - env.world.route_s_m - 30.0
+    oncoming.s_m = oncoming.path.end_s_m - env.world.route_s_m - 30.0
     assert stand(with_actors(env, oncoming), 1.5) < 0.2
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.evaluation.following import pedals, pursuit_steer
-from raw2drive_ros.evaluation.suites import PRACTICE
+from raw2drive_ros.evaluation.suite_plans import PRACTICE
 from raw2drive_ros.simulation.actors import CarDoor, PathVehicle
 from raw2drive_ros.simulation.criteria import on_road
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig

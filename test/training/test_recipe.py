@@ -74,7 +74,7 @@ def test_the_policy_s_bags_hold_the_expert_s_advice(run) -> None:
         advice = read_advice(reader, RosbagsFactory())
         ticks = next(c.msgcount for c in reader.connections if c.topic == topics.BEV)
     assert abs(len(advice) - ticks / 2) <= 6, 'four ticks in a row out of eight'
-    assert all(0 <= action < 39 for action in advice.values())
+    assert all(0 <= advised.action < 39 for advised in advice.values())
 
 
 def test_a_finished_recipe_has_nothing_left_to_do(run) -> None:
