@@ -7,7 +7,7 @@ junctions it is placed so that it narrows the view into the roads across.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,11 +37,14 @@ CLEAR_M = 1.5
 SPACING_M = (9.0, 26.0)
 FAR_M = {'hill': 25.0}
 PER_CORNER = 2
+# An item that does not fit is moved away from the road in steps, so many times.
+STEP_M, STEPS = 1.5, 10
 
 
 @dataclass(frozen=True, slots=True)
 class SceneryItem:
-    """kind: of `SIZES_M`. Pose in `map`, size in metres. colour: index into the renderer's palette of that kind."""
+    """kind: of `SIZES_M`. Pose in `map`, size in metres. colour: index into the renderer's paints. seed: of
+    its details."""
 
     kind: str
     x_m: float
@@ -51,6 +54,7 @@ class SceneryItem:
     width_m: float
     height_m: float
     colour: int
+    seed: int
 
     def footprint_m(self, margin_m: float = 0.0) -> Float64:
         """(N, 2) points on the edge and in the middle of its outline, about a metre apart."""
@@ -116,23 +120,16 @@ def _item(rng: np.random.Generator, split: str, pose: Pose, *, near: bool) -> Sc
     away = FAR_M.get(kind, 0.0) + (0.0 if near else float(rng.exponential(4.0)))
     turn = float(rng.normal(0.0, 0.08))
     x, y, yaw = advance(pose, width / 2 + away)
-    return SceneryItem(kind, x, y, yaw + math.pi / 2 + turn, length, width, height, colour)
+    seed = int(rng.integers(2**31))
+    return SceneryItem(kind, x, y, yaw + math.pi / 2 + turn, length, width, height, colour, seed)
 
 
 def _try(found: list[SceneryItem], surface: RoadSurface, item: SceneryItem) -> None:
     """Move an item away from the road until it is clear of all roads, sidewalks and other items; or leave it out."""
     away = item.yaw_rad - math.pi / 2
-    for step in range(10):
-        moved = SceneryItem(
-            item.kind,
-            item.x_m + step * 1.5 * math.cos(away),
-            item.y_m + step * 1.5 * math.sin(away),
-            item.yaw_rad,
-            item.length_m,
-            item.width_m,
-            item.height_m,
-            item.colour,
-        )
+    for step in range(STEPS):
+        by = step * STEP_M
+        moved = replace(item, x_m=item.x_m + by * math.cos(away), y_m=item.y_m + by * math.sin(away))
         if (surface.kind_at(moved.footprint_m(CLEAR_M)) != OFF).any():
             continue
         reach = math.hypot(moved.length_m, moved.width_m) / 2
