@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.actors import Actor, corners_m
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.signals import StopSign
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.bev_channels import (
@@ -96,6 +95,8 @@ class BevRenderer:
         planes = {name: np.zeros_like(self.map) for name in MAP_LAYERS}
         for polygon in self.world.road.surfaces_m:
             cv2.fillPoly(planes['road'], [self._to_map(polygon)], 1, shift=SHIFT)
+        for polygon in self.world.road.islands_m:
+            cv2.fillPoly(planes['road'], [self._to_map(polygon)], 0, shift=SHIFT)
         thickness = max(1, round(LINE_STROKE_M * MAP_PIXELS_PER_M))
         for marking in self.world.road.markings:
             kind = marking.kind
@@ -118,7 +119,7 @@ class BevRenderer:
                 shift=SHIFT,
             )
         route = self._to_map(self.world.route.points_m)
-        wide = round(LANE_WIDTH_M * MAP_PIXELS_PER_M)
+        wide = round(self.world.scene.layout.lane_width_m * MAP_PIXELS_PER_M)
         cv2.polylines(planes['route_lane'], [route], isClosed=False, color=1, thickness=wide, shift=SHIFT)
         for name in MAP_LAYERS:
             self.map |= planes[name] << STATIC_CHANNELS.index(name)
@@ -236,7 +237,7 @@ class BevRenderer:
 
     def _bar(self, mask: Mask, s_m: float, to_pixels: Float64) -> None:
         x, y, yaw = self.world.route.pose(s_m)
-        bar = corners_m(x, y, yaw, 1.5, LANE_WIDTH_M)
+        bar = corners_m(x, y, yaw, 1.5, self.world.scene.layout.lane_width_m)
         cv2.fillConvexPoly(mask, _fixed(bar, to_pixels), 1, shift=SHIFT)
 
 

@@ -187,4 +187,4 @@ def time_limit_s(world: World) -> float:
     """The scene's own time limit, or 30 s plus three times the time that the route takes at the speed limit."""
     if world.scene.time_limit_s is not None:
         return world.scene.time_limit_s
-    return 30.0 + 3.0 * world.route.length_m / world.scene.layout.speed_limit_mps
+    return 30.0 + 3.0 * world.route.end_s_m / world.scene.layout.speed_limit_mps

@@ -36,9 +36,9 @@ Rgb = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class PaintedGround:
-    """pyramid: RGBI textures, each half as wide as the one before; rows grow with y (I is the number of the thing that
-    a pixel belongs to, see `renderer`: 0, nothing; OpenCV remaps four channels in half the time of three). origin_m:
-    (2,) `map` position of the centre of pixel (0, 0) of the first level. beyond: (3,) RGB outside the texture."""
+    """pyramid: RGBX textures, each half as wide as the one before; rows grow with y (the fourth channel is 0, nobody's
+    number in the id buffer; OpenCV remaps four channels in half the time of three). origin_m: (2,) `map` position of
+    the centre of pixel (0, 0) of the first level. beyond: (3,) RGB outside the texture."""
 
     pyramid: list[Rgb]
     origin_m: Float64
@@ -69,6 +69,8 @@ def paint_ground(
         cv2.fillPoly(texture, [pixels(polygon)], sidewalk.tolist(), shift=SHIFT)
     for polygon in road.surfaces_m:
         cv2.fillPoly(texture, [pixels(polygon)], asphalt.tolist(), shift=SHIFT)
+    for polygon in road.islands_m:
+        cv2.fillPoly(texture, [pixels(polygon)], grass.tolist(), shift=SHIFT)
     for marking in road.markings:
         kind = marking.kind.removesuffix('_dashed')
         if kind == 'zebra':
@@ -98,6 +100,11 @@ def paint_ground(
     if not variation.tone_curve_is_identity or (light != 1.0).any():
         table = variation.tone_mapped(np.arange(256.0)[:, None] * light)
         texture = cv2.LUT(texture, np.round(table)[:, None].astype(np.uint8))
+    return PaintedGround(_pyramid(texture), origin, variation.tone_mapped(grass * light))
+
+
+def _pyramid(texture: Rgb) -> list[Rgb]:
+    """All levels of a texture, with a fourth channel of zeros."""
     first = cv2.cvtColor(texture, cv2.COLOR_RGB2RGBA)
     first[..., 3] = 0
     pyramid = [first]
@@ -105,7 +112,7 @@ def paint_ground(
         last = pyramid[-1]
         half = (last.shape[1] // 2, last.shape[0] // 2)
         pyramid.append(cv2.resize(last, half, interpolation=cv2.INTER_AREA))
-    return PaintedGround(pyramid, origin, variation.tone_mapped(grass * light))
+    return pyramid
 
 
 @cache
