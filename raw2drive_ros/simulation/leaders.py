@@ -143,15 +143,15 @@ def _samples(world: World, followers: Sequence[PathVehicle], rows: Ints) -> tupl
     far the front is beyond the first of them already."""
     ends = np.array([world.bank.rows_of(vehicle.path) for vehicle in followers])
     front = np.array([vehicle.s_m for vehicle in followers]) + world.half_lengths[rows]
-    starts = np.array([vehicle.path.start_s_m for vehicle in followers])
-    begin = np.maximum((front - starts) / SPACING_M, 0.0).astype(int)
+    front -= np.array([vehicle.path.start_s_m for vehicle in followers])
+    begin = np.maximum(front / SPACING_M, 0.0).astype(int)
     index = np.minimum((ends[:, 0] + begin)[:, None] + STRIDE * np.arange(STEPS), ends[:, 1, None])
     samples = world.bank.table[index]
     aside = np.array([vehicle.lateral_m for vehicle in followers])
     if aside.any():
         samples[:, :, 0] -= aside[:, None] * samples[:, :, 3]
         samples[:, :, 1] += aside[:, None] * samples[:, :, 2]
-    return samples, front - starts - begin * SPACING_M
+    return samples, front - begin * SPACING_M
 
 
 def _assign(world: World, followers: Sequence[PathVehicle], hits: Any) -> None:
