@@ -6,8 +6,8 @@ import math
 
 from highway_env.vehicle.behavior import IDMVehicle
 
-from raw2drive_ros.simulation.leaders import LOOK_AHEAD_M
-
+# How far ahead a vehicle looks for others.
+LOOK_AHEAD_M = 50.0
 # Deceleration of a calm driver, the hardest braking, and the strongest lateral acceleration of a scripted drift.
 COMFORT_MPS2 = 2.5
 MAX_BRAKING_MPS2 = 8.0

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raw2drive_ros.contracts.public import Float64
+from raw2drive_ros.simulation.car_following import LOOK_AHEAD_M
 from raw2drive_ros.simulation.path import SPACING_M, Path
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.actors import PathVehicle
     from raw2drive_ros.simulation.world import World
 
-LOOK_AHEAD_M = 50.0
 MARGIN_M = 0.3
 ALIGNED_COS = 0.75
 STANDING_MPS = 0.5
