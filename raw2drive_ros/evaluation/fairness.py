@@ -52,7 +52,7 @@ def is_fair(kind: str, seed: int, *, twin: bool = False) -> bool:
         control = _follow(world)
         for _ in range(SUBSTEPS):
             world.step(control)
-        if _touches_ego(world) or world.goal_s_m - world.route_s_m < 10.0:
+        if world.contacts or world.goal_s_m - world.route_s_m < 10.0:
             return True
     return True
 

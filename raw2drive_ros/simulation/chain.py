@@ -85,6 +85,7 @@ def joined(links: Sequence[Link]) -> Scene:
             lights=found.lights + tuple(replace(x, junction=x.junction + junctions) for x in scene.lights),
             stop_signs=found.stop_signs + tuple(replace(x, junction=x.junction + junctions) for x in scene.stop_signs),
             disturbances=found.disturbances + tuple(replace(x, s_m=x.s_m + begin) for x in scene.disturbances),
+            later_events_s_m=found.later_events_s_m + tuple((a + begin, b + begin) for a, b in scene.events_s_m),
             background=found.background or scene.background,
         )
         zebras += [s_m + begin for s_m in scene.layout.zebras_m]

@@ -12,6 +12,7 @@ import numpy as np
 from raw2drive_ros.contracts.errors import LayoutError
 from raw2drive_ros.contracts.public import Control, Float64
 from raw2drive_ros.simulation.actors import Actor, PathVehicle, Walker, fork_of
+from raw2drive_ros.simulation.contact import Contact, resolve_contacts
 from raw2drive_ros.simulation.courses import CourseBook
 from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
@@ -54,7 +55,7 @@ class World:
 
     draw: of the scene's parameters. start_rng: changes the start a little, for repetitions of a route.
     detour_offsets_m: (N,) lateral offset of the reference detour around obstacles from the route, at each point of the
-    route; 0 without an obstacle.
+    route; 0 without an obstacle. contacts: of the ego with actors so far, one per physics step and actor.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class World:
         self.goal_s_m = self.route.end_s_m - start.end_before_m
         self.time_s = 0.0
         self.physics_ticks, self.stride = 0, 1
+        self.contacts: tuple[Contact, ...] = ()
         self.decision_s = 1.0 / DECISION_HZ
         self.roster: list[object] = []
         self.is_fork = False
@@ -196,6 +198,7 @@ class World:
         self.physics_ticks += self.stride
         self.time_s = self.physics_ticks / PHYSICS_HZ
         self._spawn_due_traffic()
+        self.contacts += resolve_contacts(self, dt)
         self.route_s_m, self.route_lateral_m = self.route.project(
             float(self.ego.position[0]), float(self.ego.position[1]), self.route_s_m
         )
