@@ -29,11 +29,14 @@ from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.recording.ticks import EXTRAS, TickCounts, read_advice, read_ticks
 from raw2drive_ros.report.dream import reasons_of, ticks_around
 from raw2drive_ros.settings import default_bundle, default_teacher
+from raw2drive_ros.simulation.actors import StandingObject
 from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.privileged_view import PrivilegedView
 from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.tables.actor_classes import ACTOR_CLASSES
+from raw2drive_ros.tables.bev_channels import dynamic_channel
 from raw2drive_ros.tables.vector_layout import (
     BASIC_EGO_FIELDS,
     EGO_FIELDS,
@@ -308,3 +311,31 @@ def test_another_type_on_a_new_topic_is_named(written, tmp_path) -> None:
             file.write_bytes(data.replace(b'sensor_msgs/msg/PointCloud2', b'sensor_msgs/msg/PointCloud3'))
     said = ' '.join(c.text for c in examine(tmp_path / 'bag'))
     assert 'PointCloud3' in said
+
+
+# -- with the simulator's own visibility --------------------------------------------------------------
+
+
+def test_the_collector_s_bags_hold_everything_that_a_model_may_read(bag, tmp_path) -> None:
+    rows = {row['topic']: row['messages'] for row in bag_info(bag)['topics']}
+    assert {rows[name] for name in EXTRAS} == {rows[topics.BEV]}
+    assert not [c.text for c in examine(bag) if 'privileged' in c.text]
+    loaded = load_bag(bag, tmp_path / 'cache', RICH, cameras=False)
+    assert loaded.ego.shape == (rows[topics.BEV], len(PRIVILEGED_FIELDS)) and np.isfinite(loaded.ego).all()
+
+
+def test_what_is_hidden_is_in_the_masks_of_everything_alone() -> None:
+    """A pedestrian behind a van, by the real cameras: in `bev`, not in `bev_visible`, and its row says so."""
+    env = DrivingEnv(SimulationConfig())
+    env.reset(seed=0, options={'scenario': 'LaneFollowing'})
+    world = env.world
+    for kind, ahead_m in (('van', 12.0), ('walker', 16.0)):
+        x, y, yaw = world.route.pose(world.route_s_m + ahead_m, 0.0)
+        world.add(StandingObject(x, y, yaw, kind))
+    number = world.actors[-1].number
+    frame = env.step(Control(brake=1.0))[0].privileged.validate()
+    walker, van = (dynamic_channel(name, 0) for name in ('walker', 'vehicle'))
+    assert frame.bev[walker].any() and not frame.bev_visible[walker].any()
+    assert frame.bev_visible[van].any()
+    (row,) = frame.actors[(frame.actors['number'] == number)]
+    assert ACTOR_CLASSES[row['class']] == 'walker' and np.isinf(row['since_seen_s']) and row['pixels_front'] == 0
