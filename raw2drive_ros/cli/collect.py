@@ -7,7 +7,7 @@ from pathlib import Path
 
 from raw2drive_ros.cli.driver_options import refuse_for_drivers
 from raw2drive_ros.cli.parser import at_least, note, refuse
-from raw2drive_ros.evaluation.drivers import DRIVERS, driver_help, driver_list
+from raw2drive_ros.evaluation.drivers import DRIVERS, driver_entry, driver_help, driver_list
 from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, get_weather
 
 EXAMPLES = """examples:
@@ -133,14 +133,14 @@ def _check(options: argparse.Namespace) -> None:
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     refuse_for_drivers(options, options.driver)
-    if options.table and DRIVERS[options.driver].table:
+    if options.table and driver_entry(options.driver).table:
         raise UsageError(f'--table: driver {options.driver} drives with actions of the table anyway')
-    if options.noise and not options.table and 'noise' not in DRIVERS[options.driver].reads:
+    if options.noise and not options.table and 'noise' not in driver_entry(options.driver).reads:
         known = ', '.join(name for name, entry in DRIVERS.items() if 'noise' in entry.reads)
         raise UsageError(f'--noise: driver {options.driver} takes none; these do: {known}, and others with --table')
     if not options.advice:
         refuse(options, ['advice_every'], 'goes with --advice')
     if options.no_cameras:
-        if DRIVERS[options.driver].cameras:
+        if driver_entry(options.driver).cameras:
             raise UsageError(f'--no-cameras: driver {options.driver} drives by the cameras')
         refuse(options, ['size', 'vary'], 'is of the camera images, which --no-cameras leaves out')

@@ -14,7 +14,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from raw2drive_ros.contracts.errors import DriverFault
 from raw2drive_ros.contracts.public import Decision
+from raw2drive_ros.contracts.texts import shown
 from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
@@ -96,6 +98,9 @@ class RouteRunner:
             compat = self.conditions.bench2drive_compat
             limit_s = self.conditions.limits_s.get(route)
             drive = drive_route(self.env, self.driver, route, on_tick, bench2drive_compat=compat, time_limit_s=limit_s)
+        except DriverFault as error:
+            print(f'{route}: {shown(error)}', file=sys.stderr)
+            return failed_route(route, str(error)), []
         except Exception as error:
             traceback.print_exc()
             return failed_route(route, f'{type(error).__name__}: {error}'), []
@@ -148,14 +153,14 @@ def evaluate(
     file = RowsFile(lines, conditions_header(spec, suite, version, routes, conditions))
     tick_ms: list[float] = []
     jobs = [route for route in routes if route not in file.rows]
-    with interruptible(spec.name, suite, version, file, tick_ms, conditions.protocol):
+    with interruptible(spec.label, suite, version, file, tick_ms, conditions.protocol):
         for result, times in _driven(spec, conditions, jobs, workers):
             tick_ms += times
             row = conditions.with_reference(result)
             file.add(row)
             on_route(len(file.rows), row)
     rows = list(file.rows.values())
-    return summarise(spec.name, suite, version, routes, rows, timing_of(tick_ms), conditions.protocol)
+    return summarise(spec.label, suite, version, routes, rows, timing_of(tick_ms), conditions.protocol)
 
 
 def conditions_header(

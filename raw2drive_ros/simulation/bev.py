@@ -143,16 +143,19 @@ class BevRenderer:
         cv2.fillConvexPoly(masks[EGO], _fixed(ego, to_pixels), 1, shift=SHIFT)
         self._draw_actors(masks, to_pixels)
         if world.lights or world.stop_signs:
-            for moment, age in enumerate(HISTORY_TICKS):
-                colours = world.light_history[min(age, len(world.light_history) - 1)]
-                self._draw_signals(masks, moment, colours, world.stop_signs, to_pixels)
+            for moment in range(len(HISTORY_TICKS)):
+                self._draw_signals(masks, moment, self._colours_then(moment), world.stop_signs, to_pixels)
         return masks.view(np.bool_)
 
     def render_seen(self, masks: NDArray[np.bool_], seen: Seen) -> NDArray[np.bool_]:
         """The masks that `render` has just returned, with only those actors, lights and signs that were seen."""
         world = self.world
         shown = [seen.actor(actor, moment) for actor, moment, _, _ in self.drawn]
-        if all(shown) and not world.lights and not world.stop_signs:
+        moments = range(len(HISTORY_TICKS))
+        colours = [tuple(seen.light(index, moment) for index in range(len(world.lights))) for moment in moments]
+        signs = [[s for index, s in enumerate(world.stop_signs) if seen.sign(index, moment)] for moment in moments]
+        known = all(colours[m] == self._colours_then(m) and len(signs[m]) == len(world.stop_signs) for m in moments)
+        if known and all(shown):
             # The same array, which `tick_messages` packs once.
             return masks
         visible = np.zeros_like(masks, dtype=np.uint8)
@@ -162,11 +165,14 @@ class BevRenderer:
                 cv2.fillConvexPoly(visible[channel], polygon, 1, cv2.LINE_8, SHIFT)
         if world.lights or world.stop_signs:
             to_pixels = _pixels_from_map(*world.ego_history[0])
-            for moment in range(len(HISTORY_TICKS)):
-                colours = tuple(seen.light(index, moment) for index in range(len(world.lights)))
-                signs = [sign for index, sign in enumerate(world.stop_signs) if seen.sign(index, moment)]
-                self._draw_signals(visible, moment, colours, signs, to_pixels)
+            for moment in moments:
+                self._draw_signals(visible, moment, colours[moment], signs[moment], to_pixels)
         return visible.view(np.bool_)
+
+    def _colours_then(self, moment: int) -> tuple[str, ...]:
+        """The colours of the ego's lights at `HISTORY_TICKS[moment]`."""
+        history = self.world.light_history
+        return history[min(HISTORY_TICKS[moment], len(history) - 1)]
 
     def _warp_map(self, x: float, y: float, yaw: float) -> Mask:
         """The map's bit planes in the ego frame; nearest neighbour, because bit planes cannot be interpolated."""

@@ -6,7 +6,8 @@ picture and counts. `IdPainter` draws the buffer alone, for worlds without camer
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections import deque
+from itertools import pairwise, repeat
 
 import cv2
 import numpy as np
@@ -94,8 +95,8 @@ class IdPainter:
             self.buffer.fill(0)
             frames = list(self.buffer)
             numbers = things.number[drawing.quad].tolist()
-            for camera, polygon, number in zip(drawing.camera.tolist(), drawing.polygons, numbers, strict=True):
-                cv2.fillConvexPoly(frames[camera], polygon, number, cv2.LINE_8, SHIFT)
+            drawn_on = [frames[index] for index in drawing.camera.tolist()]
+            deque(map(cv2.fillConvexPoly, drawn_on, drawing.polygons, numbers, repeat(cv2.LINE_8), repeat(SHIFT)), 0)
             self.counts, self.signal_counts = count_pixels(
                 self.buffer, self.projector.scale, drawing, things, self.world
             )

@@ -1,7 +1,7 @@
 """Finds the leading actor on each vehicle's path.
 
 One search for all vehicles at once, at the decision rate, because this takes most of the time of a physics step: the
-front of each vehicle is moved along its path in steps of a metre, and tested against the boxes of the actors nearby.
+front of each vehicle is moved along its path in steps of `STEP_M`, and tested against the boxes of the actors nearby.
 """
 
 from __future__ import annotations
@@ -24,24 +24,17 @@ LOOK_AHEAD_M = 50.0
 MARGIN_M = 0.3
 ALIGNED_COS = 0.75
 STANDING_MPS = 0.5
+# Distance between the places along its way at which a vehicle's front is tested.
+STEP_M = 2.0
+HALF_STEP_M = STEP_M / 2
+STRIDE = round(STEP_M / SPACING_M)
+STEPS = int(LOOK_AHEAD_M / STEP_M)
 # Paths are known this far beyond their ends.
 BEYOND_END_M = 100.0
-STRIDE = round(1.0 / SPACING_M)
-STEPS = int(LOOK_AHEAD_M)
 NO_HIT = 10_000
 # Actors farther behind a vehicle's centre than this, as the vehicle looks, cannot be on its way.
 BEHIND_M = 8.0
 HEAD_ON_COS = -0.7
-HALF_STEP_M = 0.5
-# Paths are known this far beyond their ends.
-BEYOND_END_M = 100.0
-STRIDE = round(1.0 / SPACING_M)
-STEPS = int(LOOK_AHEAD_M)
-NO_HIT = 10_000
-# Actors farther behind a vehicle's centre than this, as the vehicle looks, cannot be on its way.
-BEHIND_M = 8.0
-# Nearer than this, refine the first hit to where the surfaces meet; across, the grid of a metre has to do.
-REFINE_COS = 0.7
 # Vehicles brake for where a walker will be within this time.
 WALK_AHEAD_S = 2.0
 NOBODY = (math.inf, 0.0, -1)
@@ -131,31 +124,34 @@ def _search(world: World, followers: Sequence[PathVehicle], rows: Ints, one: Int
     found = np.flatnonzero(hits[np.arange(len(one)), first])
     if not len(found):
         return
-    at = first[found]
-    one, other, along, across = one[found], other[found], along[found, at], across[found, at]
+    at = first[found] * STEP_M
+    hit = (found, first[found])
+    one, other, along, across = one[found], other[found], along[hit], across[hit]
     # From the first sample that touches back to where the surfaces meet.
     one_way = along > across
-    deep = np.where(one_way, over_length[found, at], over_width[found, at]) / np.maximum(along, across)
-    gap = at + HALF_STEP_M - np.where(at > 0, np.minimum(deep, 1.0), deep) - residue[one]
-    facing = cos[found, at] * other_cos[found, 0] + sin[found, at] * other_sin[found, 0]
+    deep = np.where(one_way, over_length[hit], over_width[hit]) / np.maximum(along, across)
+    beyond_middle = dx[hit] * cos[hit] + dy[hit] * sin[hit]
+    deep += 2.0 * np.maximum(beyond_middle, 0.0)
+    gap = at + HALF_STEP_M - np.where(at > 0.0, np.minimum(deep, STEP_M), deep) - residue[one]
+    facing = cos[hit] * other_cos[found, 0] + sin[hit] * other_sin[found, 0]
     closing = world.speeds[rows[one]] - world.speeds[other] * facing
     _assign(world, followers, zip(one.tolist(), other.tolist(), gap.tolist(), closing.tolist(), facing.tolist()))
 
 
 def _samples(world: World, followers: Sequence[PathVehicle], rows: Ints) -> tuple[Float64, Float64]:
-    """(V, STEPS, 4) x, y, cos and sin of the heading of each follower's front on its way, a metre apart, and (V,) how
+    """(V, STEPS, 4) x, y, cos and sin of the heading of each follower's front on its way, `STEP_M` apart, and (V,) how
     far the front is beyond the first of them already."""
     ends = np.array([world.bank.rows_of(vehicle.path) for vehicle in followers])
     front = np.array([vehicle.s_m for vehicle in followers]) + world.half_lengths[rows]
-    starts = np.array([vehicle.path.start_s_m for vehicle in followers])
-    begin = np.maximum((front - starts) / SPACING_M, 0.0).astype(int)
+    front -= np.array([vehicle.path.start_s_m for vehicle in followers])
+    begin = np.maximum(front / SPACING_M, 0.0).astype(int)
     index = np.minimum((ends[:, 0] + begin)[:, None] + STRIDE * np.arange(STEPS), ends[:, 1, None])
     samples = world.bank.table[index]
     aside = np.array([vehicle.lateral_m for vehicle in followers])
     if aside.any():
         samples[:, :, 0] -= aside[:, None] * samples[:, :, 3]
         samples[:, :, 1] += aside[:, None] * samples[:, :, 2]
-    return samples, front - starts - begin * SPACING_M
+    return samples, front - begin * SPACING_M
 
 
 def _assign(world: World, followers: Sequence[PathVehicle], hits: Any) -> None:

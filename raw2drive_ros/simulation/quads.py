@@ -55,6 +55,10 @@ class QuadProjector:
         """Put the cameras where they actually are."""
         self.rotations = np.array([c.base_from_camera[:3, :3] for c in cameras])
         self.positions = np.array([c.base_from_camera[:3, 3] for c in cameras])
+        # From the ego's frame, relative to the camera, to (column x depth, row x depth, depth).
+        self.projections = self.rotations.copy()
+        self.projections[:, :, :2] *= self.focal[:, None]
+        self.projections[:, :, :2] += self.rotations[:, :, 2:] * self.centre[:, None]
 
     def project(self, things: Things) -> Drawing | None:
         """The polygons that face a camera and lie within its image; None if there are none."""
@@ -62,27 +66,26 @@ class QuadProjector:
         if not len(quad):
             return None
         corners = things.corners_m[quad]
-        # (quad, corner, axis) in optical frames.
+        # (quad, corner, axis): column and row times depth, and depth.
         seen = np.empty_like(corners)
         bounds = np.searchsorted(camera, np.arange(len(self.rotations) + 1)).tolist()
         for index, (begin, end) in enumerate(pairwise(bounds)):
             if begin < end:
                 part = corners[begin:end].reshape(-1, 3) - self.positions[index]
-                np.matmul(part, self.rotations[index], out=seen[begin:end].reshape(-1, 3))
+                np.matmul(part, self.projections[index], out=seen[begin:end].reshape(-1, 3))
         depth = seen[..., 2]
-        pixels = seen[..., :2] * (self.focal[camera, None] / np.maximum(depth, NEAR_M)[..., None])
-        pixels += self.centre[camera, None]
-        low, high = pixels.min(axis=1), pixels.max(axis=1)
+        pixels = seen[..., :2] / np.maximum(depth, NEAR_M)[..., None]
+        low, high = _least(pixels), -_least(-pixels)
         inside = ((high > 0.0) & (low < (self.width, self.height))).all(axis=1)
         extent = high - low
         large = extent[:, 0] * extent[:, 1] > LEAST_PX * self.scale * self.scale
-        nearest = depth.min(axis=1)
-        crossing = (nearest <= NEAR_M) & (depth.max(axis=1) > NEAR_M)
+        nearest = _least(depth)
+        crossing = (nearest <= NEAR_M) & (-_least(-depth) > NEAR_M)
         drawn = np.flatnonzero(((nearest > NEAR_M) & inside & large) | crossing)
         polygons = list(_fixed(pixels[drawn]))
         low, high = low[drawn], high[drawn]
         for i in np.flatnonzero(crossing[drawn]).tolist():
-            polygons[i] = _fixed(self._clip_near(seen[drawn[i]], camera[drawn[i]]))
+            polygons[i] = _fixed(_clip_near(seen[drawn[i]]))
             low[i], high[i] = 0.0, (self.width, self.height)
         return Drawing(camera[drawn], quad[drawn], polygons, low, high)
 
@@ -103,18 +106,26 @@ class QuadProjector:
         facing = np.einsum('qk,qk->q', things.normals[quad], to_quad) < 0.0
         return camera[facing], quad[facing]
 
-    def _clip_near(self, corners: Float64, camera: int) -> Float64:
-        """Pixel positions of a quad that crosses the near plane, clipped at it."""
-        kept = []
-        for i in range(4):
-            a, b = corners[i], corners[(i + 1) % 4]
-            if a[2] > NEAR_M:
-                kept.append(a)
-            if (a[2] > NEAR_M) != (b[2] > NEAR_M):
-                part = (NEAR_M - a[2]) / (b[2] - a[2])
-                kept.append(a + part * (b - a))
-        points = np.array(kept)
-        return points[:, :2] / points[:, 2:] * self.focal[camera] + self.centre[camera]
+
+def _least(values: Float64) -> Float64:
+    """The minimum over the four corners, axis 1; faster than `min`."""
+    least: Float64 = np.minimum(np.minimum(values[:, 0], values[:, 1]), np.minimum(values[:, 2], values[:, 3]))
+    return least
+
+
+def _clip_near(corners: Float64) -> Float64:
+    """Pixel positions of a quad that crosses the near plane, clipped at it. corners: (4, 3), see `project`."""
+    kept = []
+    for i in range(4):
+        a, b = corners[i], corners[(i + 1) % 4]
+        if a[2] > NEAR_M:
+            kept.append(a)
+        if (a[2] > NEAR_M) != (b[2] > NEAR_M):
+            part = (NEAR_M - a[2]) / (b[2] - a[2])
+            kept.append(a + part * (b - a))
+    points = np.array(kept)
+    pixels: Float64 = points[:, :2] / points[:, 2:]
+    return pixels
 
 
 def _fixed(pixels: Float64) -> NDArray[np.int32]:

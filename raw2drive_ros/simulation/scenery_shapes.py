@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.looks import PAINTS
-from raw2drive_ros.simulation.shapes import COLUMNS, CORNERS, Colour, Quad, Span, box, frustum, shape_of
+from raw2drive_ros.simulation.shapes import Colour, Quad, Span, box, frustum, shape_of
 
 SEGMENT_M, HILL_SEGMENT_M, STOREY_M, WINDOW_EVERY_M = 5.0, 10.0, 2.9, 2.6
 # Scenery is drawn up to `FAR_M`, and with its details up to `NEAR_M`, from the middle of a square of `CELL_M`.
@@ -33,11 +33,14 @@ Part = tuple[Point2, list[Quad], list[Quad]]
 
 
 @dataclass(frozen=True, slots=True)
-class StaticQuads:
-    """Quads of things that stand still, in `map`. packed: (Q, COLUMNS), see `shapes`. count: (N,) quads of each part.
-    place_m: (N, 2). radius_m: (N,)."""
+class PlacedQuads:
+    """Quads of things, or of parts of them.
 
-    packed: Float64
+    vectors: (Q, 5, 3), paint: (Q, 5), see `shapes`. count: (N,) quads of each part. place_m: (N, 2). radius_m: (N,).
+    """
+
+    vectors: Float64
+    paint: Float64
     count: NDArray[np.int64]
     place_m: Float64
     radius_m: Float64
@@ -45,10 +48,21 @@ class StaticQuads:
     def __len__(self) -> int:
         return len(self.count)
 
-    def chosen(self, rows: NDArray[np.bool_]) -> StaticQuads:
+    def chosen(self, rows: NDArray[np.bool_]) -> PlacedQuads:
         """Those parts for which `rows`, (N,), is true."""
-        return StaticQuads(
-            self.packed[np.repeat(rows, self.count)], self.count[rows], self.place_m[rows], self.radius_m[rows]
+        quads = np.repeat(rows, self.count)
+        return PlacedQuads(
+            self.vectors[quads], self.paint[quads], self.count[rows], self.place_m[rows], self.radius_m[rows]
+        )
+
+    def and_also(self, other: PlacedQuads) -> PlacedQuads:
+        """These parts, followed by those of another."""
+        return PlacedQuads(
+            np.concatenate([self.vectors, other.vectors]),
+            np.concatenate([self.paint, other.paint]),
+            np.concatenate([self.count, other.count]),
+            np.concatenate([self.place_m, other.place_m]),
+            np.concatenate([self.radius_m, other.radius_m]),
         )
 
 
@@ -61,36 +75,28 @@ class Scenery:
         self._cell: tuple[int, int] | None = None
         self._around = self.near
 
-    def around(self, x_m: float, y_m: float) -> StaticQuads:
+    def around(self, x_m: float, y_m: float) -> PlacedQuads:
         """What is drawn for an ego at this place of `map`; the same for all places of a cell of the grid."""
         cell = (math.floor(x_m / CELL_M), math.floor(y_m / CELL_M))
         if cell != self._cell:
             self._cell = cell
             middle = (np.array(cell) + 0.5) * CELL_M
             distance = np.hypot(*(self.near.place_m - middle).T)
-            near, far = (
-                self.near.chosen(distance < NEAR_M),
-                self.far.chosen((distance >= NEAR_M) & (distance < FAR_M)),
-            )
-            self._around = StaticQuads(
-                np.concatenate([near.packed, far.packed]),
-                np.concatenate([near.count, far.count]),
-                np.concatenate([near.place_m, far.place_m]),
-                np.concatenate([near.radius_m, far.radius_m]),
-            )
+            far = self.far.chosen((distance >= NEAR_M) & (distance < FAR_M))
+            self._around = self.near.chosen(distance < NEAR_M).and_also(far)
         return self._around
 
 
-def static_quads(parts: Sequence[tuple[Point2, list[Quad]]]) -> StaticQuads:
+def static_quads(parts: Sequence[tuple[Point2, list[Quad]]]) -> PlacedQuads:
     """(place, quads in `map`) of each part, packed."""
     if not parts:
-        return StaticQuads(np.zeros((0, COLUMNS)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
+        return PlacedQuads(np.zeros((0, 5, 3)), np.zeros((0, 5)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
     places = np.array([place for place, _ in parts])
     count = np.array([len(quads) for _, quads in parts])
-    packed = shape_of(quad for _, quads in parts for quad in quads).packed
-    offsets = packed[:, CORNERS].reshape(-1, 4, 3)[..., :2] - np.repeat(places, count, axis=0)[:, None]
+    shape = shape_of(quad for _, quads in parts for quad in quads)
+    offsets = shape.corners_m[..., :2] - np.repeat(places, count, axis=0)[:, None]
     reach = np.hypot(offsets[..., 0], offsets[..., 1]).max(axis=1)
-    return StaticQuads(packed, count, places, np.maximum.reduceat(reach, np.cumsum(count) - count))
+    return PlacedQuads(shape.vectors, shape.paint, count, places, np.maximum.reduceat(reach, np.cumsum(count) - count))
 
 
 def _moved(item: Any, part: Part, *, night: bool) -> Part:

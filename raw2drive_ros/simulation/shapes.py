@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +17,9 @@ from raw2drive_ros.contracts.public import Float64
 Span = tuple[float, float]
 Colour = tuple[float, ...]
 Point = tuple[float, float, float]
-# Columns of a packed quad: 4 corners x (x, y, z), normal, RGB, emissive, counted.
-CORNERS, NORMAL, COLOUR, EMISSIVE, COUNTED, COLUMNS = slice(0, 12), slice(12, 15), slice(15, 18), 18, 19, 20
+# Rows of a quad's vectors: four corners, and the normal. Columns of its paint: RGB, emissive, counted.
+CORNERS, NORMAL = slice(0, 4), 4
+COLOUR, EMISSIVE, COUNTED = slice(0, 3), 3, 4
 
 
 class Quad(NamedTuple):
@@ -34,21 +34,22 @@ class Quad(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """packed: (Q, COLUMNS) quads, see `CORNERS` and so on. radius_m: of the circle around the origin that encloses the
-    shape, seen from above."""
+    """vectors: (Q, 5, 3) corners and normals, paint: (Q, 5) of the quads, see `CORNERS` and so on. radius_m: of the
+    circle around the origin that encloses the shape, seen from above."""
 
-    packed: Float64
+    vectors: Float64
+    paint: Float64
     radius_m: float
 
-    @cached_property
+    @property
     def corners_m(self) -> Float64:
         """(Q, 4, 3)."""
-        return self.packed[:, CORNERS].reshape(-1, 4, 3)
+        return self.vectors[:, CORNERS]
 
     @property
     def normals(self) -> Float64:
         """(Q, 3) unit vectors."""
-        return self.packed[:, NORMAL]
+        return self.vectors[:, NORMAL]
 
 
 def shape_of(quads: Iterable[Quad]) -> Shape:
@@ -58,13 +59,9 @@ def shape_of(quads: Iterable[Quad]) -> Shape:
     # By the diagonals, so that two corners may coincide (triangles).
     normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    packed = np.empty((len(quads), COLUMNS))
-    packed[:, CORNERS] = corners.reshape(-1, 12)
-    packed[:, NORMAL] = normals
-    packed[:, COLOUR] = [quad.colour[:3] for quad in quads]
-    packed[:, EMISSIVE] = [quad.emissive for quad in quads]
-    packed[:, COUNTED] = [quad.counted for quad in quads]
-    return Shape(packed, float(np.hypot(corners[..., 0], corners[..., 1]).max()))
+    vectors = np.concatenate([corners, normals[:, None]], axis=1)
+    paint = np.array([(*quad.colour[:3], quad.emissive, quad.counted) for quad in quads], np.float64)
+    return Shape(vectors, paint, float(np.hypot(corners[..., 0], corners[..., 1]).max()))
 
 
 def box(x: Span, y: Span, z: Span, colour: Colour, *, emissive: bool = False) -> list[Quad]:

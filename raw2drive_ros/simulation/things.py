@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.actor_shapes import actor_shape
 from raw2drive_ros.simulation.actors import Actor, PathVehicle
-from raw2drive_ros.simulation.scenery_shapes import Scenery, StaticQuads, static_quads
+from raw2drive_ros.simulation.scenery_shapes import PlacedQuads, Scenery, static_quads
 from raw2drive_ros.simulation.shapes import COLOUR, CORNERS, COUNTED, EMISSIVE, NORMAL, Shape
 from raw2drive_ros.simulation.signal_shapes import light_shape, sign_shape
 from raw2drive_ros.simulation.world import World
@@ -97,27 +97,23 @@ def things_in_sight(world: World, pose: Pose, scenery: Scenery, *, night: bool, 
         return None
     moving = _placed(shapes, local[within])
     standing = _turned(around, pose, from_map)
-    packed = np.concatenate([moving.packed, standing.packed])
-    count = np.concatenate([moving.count, standing.count])
-    place = np.concatenate([moving.place_m, standing.place_m])
-    radius = np.concatenate([moving.radius_m, standing.radius_m])
-    number = np.zeros(len(packed), np.int64)
-    number[: len(moving.packed)] = np.repeat(numbers[within], moving.count)
-    return _ordered(StaticQuads(packed, count, place, radius), number, rows)
+    number = np.zeros(len(moving.paint) + len(standing.paint), np.int64)
+    number[: len(moving.paint)] = np.repeat(numbers[within], moving.count)
+    return _ordered(moving.and_also(standing), number, rows)
 
 
-def _ordered(quads: StaticQuads, number: Ints, rows: Ints) -> Things:
+def _ordered(quads: PlacedQuads, number: Ints, rows: Ints) -> Things:
     """Things from far to near. number: (Q,) of the thing that each quad belongs to, 0 for none."""
     distance = np.hypot(quads.place_m[:, 0], quads.place_m[:, 1])
     order = np.argsort(-distance, kind='stable')
     part = np.repeat(np.arange(len(quads)), quads.count)
-    packed = quads.packed
+    paint = quads.paint
     return Things(
-        corners_m=packed[:, CORNERS].reshape(-1, 4, 3),
-        normals=packed[:, NORMAL],
-        colours=packed[:, COLOUR],
-        emissive=packed[:, EMISSIVE] > 0.0,
-        number=number * packed[:, COUNTED].astype(np.int64),
+        corners_m=quads.vectors[:, CORNERS],
+        normals=quads.vectors[:, NORMAL],
+        colours=paint[:, COLOUR],
+        emissive=paint[:, EMISSIVE] > 0.0,
+        number=number * paint[:, COUNTED].astype(np.int64),
         rows=rows,
         place_m=quads.place_m[order],
         radius_m=quads.radius_m[order],
@@ -128,35 +124,30 @@ def _ordered(quads: StaticQuads, number: Ints, rows: Ints) -> Things:
     )
 
 
-def _placed(shapes: list[Shape], local: Float64) -> StaticQuads:
+def _placed(shapes: list[Shape], local: Float64) -> PlacedQuads:
     """The quads of shapes that stand at (N, 3) x, y, yaw in the ego's frame."""
     if not shapes:
         return static_quads([])
-    count = np.array([len(shape.packed) for shape in shapes])
-    thing = np.repeat(np.arange(len(shapes)), count)
-    packed = np.concatenate([shape.packed for shape in shapes])
-    place = local[thing]
+    count = np.array([len(shape.paint) for shape in shapes])
+    place = np.repeat(local, count, axis=0)
     cos, sin = np.cos(place[:, 2:]), np.sin(place[:, 2:])
-    # Corners and the normal: x, y, z in turn.
-    vectors = packed[:, : NORMAL.stop]
-    x, y = vectors[:, 0::3].copy(), vectors[:, 1::3].copy()
-    vectors[:, 0::3] = x * cos - y * sin
-    vectors[:, 1::3] = x * sin + y * cos
-    packed[:, CORNERS][:, 0::3] += place[:, :1]
-    packed[:, CORNERS][:, 1::3] += place[:, 1:2]
-    return StaticQuads(packed, count, local[:, :2], np.array([shape.radius_m for shape in shapes]))
+    model = np.concatenate([shape.vectors for shape in shapes])
+    vectors = model.copy()
+    x, y = model[..., 0], model[..., 1]
+    vectors[..., 0] = x * cos - y * sin
+    vectors[..., 1] = x * sin + y * cos
+    vectors[:, CORNERS, :2] += place[:, None, :2]
+    paint = np.concatenate([shape.paint for shape in shapes])
+    return PlacedQuads(vectors, paint, count, local[:, :2], np.array([shape.radius_m for shape in shapes]))
 
 
-def _turned(quads: StaticQuads, pose: Pose, from_map: Float64) -> StaticQuads:
+def _turned(quads: PlacedQuads, pose: Pose, from_map: Float64) -> PlacedQuads:
     """Quads in `map` as the ego at `pose` sees them."""
-    packed = quads.packed.copy()
-    packed[:, CORNERS][:, 0::3] -= pose[0]
-    packed[:, CORNERS][:, 1::3] -= pose[1]
-    x, y = packed[:, : NORMAL.stop][:, 0::3].copy(), packed[:, : NORMAL.stop][:, 1::3].copy()
-    (cos, _), (sin, _) = from_map.tolist()
-    packed[:, : NORMAL.stop][:, 0::3] = x * cos + y * sin
-    packed[:, : NORMAL.stop][:, 1::3] = y * cos - x * sin
-    return StaticQuads(packed, quads.count, (quads.place_m - pose[:2]) @ from_map, quads.radius_m)
+    turn = np.eye(3)
+    turn[:2, :2] = from_map
+    vectors = (quads.vectors.reshape(-1, 3) @ turn).reshape(-1, 5, 3)
+    vectors[:, CORNERS, :2] -= np.array(pose[:2]) @ from_map
+    return PlacedQuads(vectors, quads.paint, quads.count, (quads.place_m - pose[:2]) @ from_map, quads.radius_m)
 
 
 def _actor_shape(actor: Actor, time_s: float, *, night: bool, detailed: bool) -> Shape:

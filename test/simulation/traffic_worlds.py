@@ -1,7 +1,5 @@
 """Worlds for tests of traffic, and what must never happen in them."""
 
-import math
-
 import numpy as np
 
 from raw2drive_ros.contracts.public import Control
@@ -53,6 +51,11 @@ def junction_world(
     layout = RoadLayout((Straight(130), Junction(turn, control=control), Straight(120)), lanes, lanes, 11.0)
     route = RouteSpec(start_s_m=start_s_m, start_speed_mps=start_speed_mps)
     return world_of(Scene(layout, route, actors, lights, background=background), seed)
+
+
+def car_of(world: World) -> PathVehicle:
+    """The first vehicle."""
+    return next(actor for actor in world.actors if isinstance(actor, PathVehicle))
 
 
 def stand_aside(world: World) -> None:
@@ -130,7 +133,3 @@ def touch(one, other) -> bool:
 
 def box(actor):
     return corners_m(float(actor.position[0]), float(actor.position[1]), actor.heading, actor.LENGTH, actor.WIDTH)
-
-
-def until_s(world: World, seconds: float) -> bool:
-    return world.time_s < seconds and math.isfinite(world.time_s)
