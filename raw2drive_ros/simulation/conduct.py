@@ -23,6 +23,7 @@ HAZARD_M = 20.0
 APPROACH_S = 5.0
 CORRIDOR_M = 2.0
 BESIDE_M = 5.0
+TOWARDS = 0.3
 # At a stop sign, after the stop, a driver may look for traffic for so long.
 LOOK_S, SIGN_M = 3.0, 5.0
 
@@ -60,6 +61,11 @@ def has_reason_to_stand(world: World, stood_s: float) -> bool:
     return any(_is_hazard(world, row, ahead, aside) for row, ahead, aside in places)
 
 
+def walks_towards(aside_m: float, heading_rad: float) -> bool:
+    """Whether somebody `aside_m` left of a lane, with this heading in it, walks towards it and not along it."""
+    return -math.copysign(1.0, aside_m) * math.sin(heading_rad) > TOWARDS
+
+
 def _is_hazard(world: World, row: int, ahead_m: float, aside_m: float) -> bool:
     """ahead_m, aside_m: place of the actor's centre in the ego's corridor, from its front bumper."""
     actor = world.actors[row]
@@ -70,8 +76,7 @@ def _is_hazard(world: World, row: int, ahead_m: float, aside_m: float) -> bool:
         return False
     if isinstance(actor, Walker):
         yaw = world.route.pose(world.front_s_m + ahead_m)[2]
-        towards = -aside_m * math.sin(actor.heading - yaw)
-        return within and abs(aside_m) < BESIDE_M and towards > 0.0
+        return within and abs(aside_m) < BESIDE_M and walks_towards(aside_m, actor.heading - yaw)
     if abs(aside_m) < CORRIDOR_M and ahead_m < 0.0:
         # Who follows the ego is no reason to stand.
         return False

@@ -2,7 +2,8 @@
 
 Three terms differ, because they rewarded bad driving on our routes (docs/benchmark.md):
 
-- The speed term is v*/v_base - |v - v*|/7.5, not 1 - |v - v*|/7.5: standing where the ego has to stand earns nothing.
+- The speed term is v*/v_base - |v - v*|/min(7.5, v_base), not 1 - |v - v*|/7.5: standing where the ego has to stand
+  earns nothing, and standing on a free road never earns anything.
 - v* depends on what is ahead in the ego's own corridor, so an ego that passes an obstacle does not have to stop for it.
 - Deviation costs nothing on the detour around an obstacle.
 - Pedestrians who stand beside the lane or walk away from it do not reduce v*: most of them want nothing.
@@ -20,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from raw2drive_ros.simulation.actors import Walker
+from raw2drive_ros.simulation.conduct import walks_towards
 from raw2drive_ros.simulation.criteria import route_deviation_m
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ
@@ -75,13 +77,14 @@ class RewardModel:
         the lanes."""
         ego = world.ego
         free = free_share(world)
-        target = free * base_speed_mps(world)
+        base = base_speed_mps(world)
+        target = free * base
         advance = max(0.0, world.route_s_m - self.best_s_m)
         self.best_s_m = max(self.best_s_m, world.route_s_m)
         steer = ego.command.steer
         deviation = route_deviation_m(world)
         terms = {
-            'speed': WEIGHTS['speed'] * (free - abs(ego.speed - target) / SPEED_SCALE_MPS),
+            'speed': WEIGHTS['speed'] * (free - abs(ego.speed - target) / min(SPEED_SCALE_MPS, base)),
             'travel': WEIGHTS['travel'] * advance,
             'deviation': -WEIGHTS['deviation'] * deviation / DEVIATION_SCALE_M,
             'steer': -WEIGHTS['steer'] * abs(steer - self.last_steer),
@@ -192,7 +195,7 @@ def nearest_vulnerable_m(world: World) -> dict[str, float]:
             continue
         dx, dy = float(actor.position[0]) - x, float(actor.position[1]) - y
         ahead, aside = dx * cos + dy * sin, -dx * sin + dy * cos
-        nearing = actor.speed > 0.0 and aside * math.sin(actor.heading - world.ego.heading) < 0.0
+        nearing = actor.speed > 0.0 and walks_towards(aside, actor.heading - world.ego.heading)
         limit = BESIDE_M if isinstance(actor, Walker) and nearing else ON_ROUTE_M
         if ahead < 0.0 or abs(aside) > limit:
             continue

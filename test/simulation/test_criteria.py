@@ -215,7 +215,7 @@ def with_actors(env: DrivingEnv, *actors) -> DrivingEnv:
 
 def walker(world: World, from_m: float, to_m: float, speed_mps: float) -> Walker:
     found = Walker(world.route, world.route_s_m + 12.0, from_m, to_m, 1.0, 0.0)
-    found.speed = speed_mps
+    found.speed, found.started = speed_mps, speed_mps > 0.0
     return found
 
 
