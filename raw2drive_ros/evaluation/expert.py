@@ -34,18 +34,19 @@ from raw2drive_ros.evaluation.expert_situation import (
     own_state,
     zones,
 )
-from raw2drive_ros.evaluation.following import smooth_pedals, steer_to
+from raw2drive_ros.evaluation.following import smooth_pedals, steer_course_to
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ
 
-STEPS, LONG_DT_S = 33, 0.4
+STEPS, LONG_DT_S = 27, 0.45
 LEAST_PUSH = 0.03
 # Standing closer behind an obstacle than this for so long, the ego reverses if nobody is this close behind it.
 ROOM_M, STUCK_TICKS, REAR_M, REVERSE_MPS = 7.2, 10, 7.0, 1.2
 # Largest change of the acceleration from one decision to the next, for comfort; harder braking is not limited.
 EASE_OFF_MPS2, PRESS_MPS2, HARD_MPS2 = 0.8, 0.4, -3.5
+SURPRISE_MPS2 = 2.0
 LOOK_AHEAD_M, LOOK_AHEAD_S = 4.0, 0.6
 
 
@@ -72,13 +73,18 @@ class Expert:
         if any(option.oncoming for option in found) and situation.forecast.times_s[1] == DT_S:
             situation = self._situation(world, self.lanes, long=True)
         chosen = plans(situation, found)
+        actual = float(world.ego.acceleration_body[0])
+        if abs(actual - self.acceleration) > SURPRISE_MPS2:
+            # Somebody else drives, or the road does not let it.
+            self.acceleration = actual
         driven = roll_out(situation, found, chosen, self.acceleration)
         verdict = judge(situation, found, chosen, driven, self.current)
         best = int(verdict.score.argmax())
         self.current = found[chosen[best].option].family
         wanted = float(driven.acceleration[best, 0])
         if wanted > HARD_MPS2:
-            wanted = min(max(wanted, self.acceleration - EASE_OFF_MPS2), max(self.acceleration, 0.0) + PRESS_MPS2)
+            wanted = max(wanted, self.acceleration - EASE_OFF_MPS2)
+            wanted = min(wanted, max(self.acceleration, 0.0) + PRESS_MPS2)
         self.acceleration = wanted
         if self._backs_up(situation, blocked, found, float(driven.s[best, -1])):
             return self._reverse(world), f'make room before {blocked[0].name}'
@@ -124,7 +130,7 @@ class Expert:
         world = situation.world
         ahead = situation.s + max(LOOK_AHEAD_M, LOOK_AHEAD_S * situation.speed)
         x, y, _ = world.route.pose(ahead, float(np.interp(ahead, situation.grid, option.offset)))
-        steer = min(max(steer_to(world, x, y) - self.push.estimate(world), -1.0), 1.0)
+        steer = min(max(steer_course_to(world, x, y) - self.push.estimate(world), -1.0), 1.0)
         return smooth_pedals(world, acceleration, steer)
 
 
@@ -135,7 +141,7 @@ class SteeringPush:
         self.wheel = self.deviation = 0.0
 
     def estimate(self, world: World) -> float:
-        """Disturbance of the steering command (share of full lock) over the last decision. Call it once per decision."""
+        """Disturbance of the steering command (share of full lock) over the last decision; call it once in each."""
         ego = world.ego
         keep = math.exp(-1.0 / DECISION_HZ / ego.parameters.steer_time_constant_s)
         self.wheel = keep * self.wheel + (1.0 - keep) * ego.command.steer
@@ -158,7 +164,7 @@ def reason(
     parts = []
     name = found[plan.option].name
     if name != 'route':
-        parts.append(name)
+        parts.append(f'{name} of {found[plan.option].about}' if found[plan.option].about else name)
     if plan.brake:
         parts.append('brake hard')
     kind = int(driven.first[best])
@@ -173,7 +179,7 @@ def reason(
         fastest = next(i for i, other in enumerate(chosen) if other.option == plan.option)
         if verdict.worst[fastest] >= 0:
             parts.append(f'{names[int(verdict.worst[fastest])]} in the way')
-    return ', '.join(dict.fromkeys(parts)) or 'free road'
+    return ', '.join(dict.fromkeys(parts)) or ('slow down' if plan.share < 1.0 else 'free road')
 
 
 class ExpertDriver:
@@ -184,10 +190,13 @@ class ExpertDriver:
     def reset(self, seed: int) -> None:
         """A new episode begins; the expert itself draws nothing at random."""
         self.expert = Expert()
-        self.sight = GeometricSight()
+        self.sight: GeometricSight | None = None
 
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert env.world is not None
-        self.sight.update(env.world)
-        control, why = self.expert.control(env.world, self.sight)
+        sight: Sight | None = getattr(env, 'visibility', None)
+        if sight is None:
+            self.sight = sight = self.sight or GeometricSight()
+            self.sight.update(env.world)
+        control, why = self.expert.control(env.world, sight)
         return Decision(frame.stamp_ns, control, nearest_action(control), info={'reason': why})

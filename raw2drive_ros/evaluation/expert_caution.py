@@ -66,7 +66,15 @@ def _faces_road(turned_rad: float, d_m: float) -> bool:
     return math.sin(turned_rad) * math.copysign(1.0, -d_m) > FACING_COS
 
 
-def _apply(caps: Float64, grid: Float64, speed: Float64, clear: Float64, begin_m: float, end_m: float, within_m: float = ASIDE_M) -> None:
+def _apply(
+    caps: Float64,
+    grid: Float64,
+    speed: Float64,
+    clear: Float64,
+    begin_m: float,
+    end_m: float,
+    within_m: float = ASIDE_M,
+) -> None:
     """Cap the options that pass on the side (clear > 0); in the way it is no question of caution."""
     low, high = np.searchsorted(grid, (begin_m, end_m))
     if high <= low:

@@ -52,7 +52,7 @@ class Plan:
 
 @dataclass(slots=True)
 class Rollouts:
-    """Arrays over plans (P) and times (T): arc length, lateral offset, its slope, speed, acceleration. follower_lag: (P, N, T)
+    """Arrays over plans (P) and times (T): arc length, lateral offset, its slope, speed, acceleration. lag: (P, N, T)
     how far each actor stays behind its forecast because the ego is in front of it; imposed: (P, N) the hardest braking
     that takes. first: (P,) what limited the first step (FREE, LEADER, STOP or CAP), leader: (P,) whom."""
 
@@ -118,7 +118,9 @@ class _Rollout:
     def _corridors(self) -> None:
         """(P, N, T) masks: who is in the way of which plan as somebody to follow, and whose way a plan may enter."""
         view, situation = self.situation.forecast, self.situation
-        index = np.minimum(np.maximum(((view.s - situation.grid[0]) / GRID_M).astype(np.int64), 0), len(situation.grid) - 1)
+        index = np.minimum(
+            np.maximum(((view.s - situation.grid[0]) / GRID_M).astype(np.int64), 0), len(situation.grid) - 1
+        )
         # Offset of each plan at each actor's place: (P, N, T).
         at = self.offset[:, index]
         beside = np.abs(view.d[None] - at) < view.half_d[None] + HALF_WIDTH_M + FOLLOW_MARGIN_M
@@ -174,9 +176,7 @@ class _Rollout:
             s, v = s + 0.5 * (v + new) * dt, new
         return out
 
-    def _acceleration(
-        self, k: int, s: Float64, v: Float64, d: Float64, index: Ints
-    ) -> tuple[Float64, Ints, Ints]:
+    def _acceleration(self, k: int, s: Float64, v: Float64, d: Float64, index: Ints) -> tuple[Float64, Ints, Ints]:
         """(wanted acceleration, leader, what limits it)."""
         ahead = np.minimum(index + 1 + (0.4 * v).astype(np.int64), self.wanted.shape[1] - 1)
         target = self.wanted[self.rows, ahead]
@@ -203,8 +203,7 @@ class _Rollout:
             wanted = np.minimum(wanted, follow)
         room = self.stop - front
         needed = v * v / (2.0 * np.maximum(room, 0.15))
-        with np.errstate(invalid='ignore'):
-            rolling = 2.0 * (np.sqrt(2.0 * STOP_MPS2 * np.maximum(room - 0.2, 0.0)) - v)
+        rolling = 2.0 * (np.sqrt(2.0 * STOP_MPS2 * np.maximum(room - 0.2, 0.0)) - v)
         halt = np.where(needed > 0.9 * STOP_MPS2, -1.05 * needed, rolling)
         halt = np.where(room < 0.3, -3.0, halt)
         halt = np.where(room < -1.0, np.inf, np.maximum(halt, LEAST_MPS2))
