@@ -21,7 +21,6 @@ from raw2drive_ros.evaluation.expert_options import Option, options
 from raw2drive_ros.evaluation.expert_plans import CAP, LEADER, STOP, Plan, Rollouts, plans, roll_out
 from raw2drive_ros.evaluation.expert_prediction import DT_S, forecast, hypotheses
 from raw2drive_ros.evaluation.expert_rules import right_of_way
-from raw2drive_ros.evaluation.expert_sight import GeometricSight
 from raw2drive_ros.evaluation.expert_situation import (
     AHEAD_M,
     BEHIND_M,
@@ -190,13 +189,8 @@ class ExpertDriver:
     def reset(self, seed: int) -> None:
         """A new episode begins; the expert itself draws nothing at random."""
         self.expert = Expert()
-        self.sight: GeometricSight | None = None
 
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert env.world is not None
-        sight: Sight | None = getattr(env, 'visibility', None)
-        if sight is None:
-            self.sight = sight = self.sight or GeometricSight()
-            self.sight.update(env.world)
-        control, why = self.expert.control(env.world, sight)
+        control, why = self.expert.control(env.world, env.seen())
         return Decision(frame.stamp_ns, control, nearest_action(control), info={'reason': why})

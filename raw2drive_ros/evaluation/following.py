@@ -70,7 +70,7 @@ def _curvature_to(world: World, course_rad: float, x: float, y: float) -> float:
 def route_window(world: World, offset_m: float = 0.0) -> Float64:
     """(M, 2) points of the route, 1 m apart, `offset_m` to its left, from 1 m ahead of the ego's centre on (an actor
     beside it is not ahead)."""
-    first = max(0, int((world.route_s_m + 1.0) / SPACING_M))
+    first = world.route.index_at(world.route_s_m + 1.0)
     part = slice(first, first + int(SIGHT_M / SPACING_M), 2)
     points = world.route.points_m[part]
     if offset_m == 0.0:
