@@ -27,13 +27,14 @@ from raw2drive_ros.evaluation.expert_situation import (
     GRID_BEHIND_M,
     GRID_M,
     HALF_LENGTH_M,
+    HALF_WIDTH_M,
     Situation,
     Zone,
     limits_on,
     own_state,
     zones,
 )
-from raw2drive_ros.evaluation.following import smooth_pedals, steer_course_to
+from raw2drive_ros.evaluation.following import smooth_pedals, steer_course_to, steer_to
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.world import World
@@ -43,6 +44,8 @@ STEPS, LONG_DT_S = 27, 0.45
 LEAST_PUSH = 0.03
 # Standing closer behind an obstacle than this for so long, the ego reverses if nobody is this close behind it.
 ROOM_M, STUCK_TICKS, REAR_M, REVERSE_MPS = 7.2, 10, 7.0, 1.2
+# It also does so where it stands between the lanes; until it is in its own, or this far back.
+ASTRAY_M, LEAST_ROOM_M, MOST_ROOM_M, REVERSE_AHEAD_M = 0.6, 6.0, 20.0, 5.0
 # Largest change of the acceleration from one decision to the next, for comfort; harder braking is not limited.
 EASE_OFF_MPS2, PRESS_MPS2, HARD_MPS2 = 0.8, 0.4, -3.5
 SURPRISE_MPS2 = 2.0
@@ -86,7 +89,7 @@ class Expert:
             wanted = min(wanted, max(self.acceleration, 0.0) + PRESS_MPS2)
         self.acceleration = wanted
         if self._backs_up(situation, blocked, found, float(driven.s[best, -1])):
-            return self._reverse(world), f'make room before {blocked[0].name}'
+            return self._reverse(situation), f'make room before {blocked[0].name}'
         control = self._command(situation, found[chosen[best].option], self.acceleration)
         return control, reason(situation, found, chosen, driven, verdict, best)
 
@@ -106,23 +109,28 @@ class Expert:
         """Whether the ego stands too close behind an obstacle to steer out, and has room to reverse."""
         ways = any(option.family == 'pass' for option in found)
         room = blocked[0].begin_m - situation.front_m if blocked else math.inf
-        stuck = ways and room < ROOM_M and until_m - situation.s < 1.5 and situation.speed < 0.3
-        going_on = self.backing and room < ROOM_M + 1.5
+        astray = abs(situation.d) > ASTRAY_M
+        stuck = ways and (room < ROOM_M or (astray and room < LEAST_ROOM_M + ROOM_M))
+        stuck &= until_m - situation.s < 1.5 and situation.speed < 0.3
+        going_on = self.backing and (room < ROOM_M + 1.5 or abs(situation.d) > 0.6 * ASTRAY_M) and room < MOST_ROOM_M
         view = situation.forecast
         rear = situation.s - HALF_LENGTH_M
-        behind = (np.abs(view.d[:, :10] - situation.d) < 2.2) & (view.s[:, :10] + view.half_s[:, :10] > rear - REAR_M)
-        behind &= view.s[:, :10] < situation.s
+        reach = view.half_d[:, :10] + HALF_WIDTH_M + 0.2
+        behind = (np.abs(view.d[:, :10] - situation.d) < reach) & (view.s[:, :10] + view.half_s[:, :10] > rear - REAR_M)
+        behind &= (view.s[:, :10] < situation.s) & (np.cos(view.turned[:, :10]) > -0.5)
         self.stuck_ticks = self.stuck_ticks + 1 if stuck else 0
         self.backing = (going_on or self.stuck_ticks > STUCK_TICKS) and not bool(behind.any())
         return self.backing
 
-    def _reverse(self, world: World) -> Control:
-        """Slowly backwards."""
+    def _reverse(self, situation: Situation) -> Control:
+        """Slowly backwards, to the middle of the ego's lane."""
         self.acceleration = 0.0
-        speed = float(world.ego.speed)
+        world, speed = situation.world, float(situation.world.ego.speed)
+        x, y, _ = world.route.pose(situation.s - REVERSE_AHEAD_M)
+        steer = steer_to(world, x, y)
         if speed > 0.2:
-            return Control(0.0, 0.5, 0.0)
-        return Control(0.25 if speed > -REVERSE_MPS else 0.05, 0.0, 0.0, reverse=True)
+            return Control(0.0, 0.5, steer)
+        return Control(0.25 if speed > -REVERSE_MPS else 0.05, 0.0, steer, reverse=True)
 
     def _command(self, situation: Situation, option: Option, acceleration: float) -> Control:
         """Pedals for the acceleration, pure pursuit along the option."""
