@@ -1,4 +1,4 @@
-"""How well, how fast and how cheaply the honest expert drives, per type: success, time against the oracle, ticks per second.
+"""The honest expert per type: success, time against the oracle, comfort, ticks per second.
 
 python -m benchmarks.expert [--suite b2d220] [--seeds 0,1] [--types A,B] [--oracle oracle.jsonl]
 
@@ -60,6 +60,7 @@ def oracle_seconds(path: Path | None) -> dict[str, float]:
 
 
 def main() -> None:
+    """Drive the routes and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--suite', default='b2d220')
     parser.add_argument('--seeds', default='')

@@ -21,31 +21,34 @@ from raw2drive_ros.evaluation.expert_options import Option, options
 from raw2drive_ros.evaluation.expert_plans import CAP, LEADER, STOP, Plan, Rollouts, plans, roll_out
 from raw2drive_ros.evaluation.expert_prediction import DT_S, forecast, hypotheses
 from raw2drive_ros.evaluation.expert_rules import right_of_way
-from raw2drive_ros.evaluation.expert_sight import GeometricSight
 from raw2drive_ros.evaluation.expert_situation import (
     AHEAD_M,
     BEHIND_M,
     GRID_BEHIND_M,
     GRID_M,
     HALF_LENGTH_M,
+    HALF_WIDTH_M,
     Situation,
     Zone,
     limits_on,
     own_state,
     zones,
 )
-from raw2drive_ros.evaluation.following import smooth_pedals, steer_to
+from raw2drive_ros.evaluation.following import smooth_pedals, steer_course_to, steer_to
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ
 
-STEPS, LONG_DT_S = 33, 0.4
+STEPS, LONG_DT_S = 27, 0.45
 LEAST_PUSH = 0.03
 # Standing closer behind an obstacle than this for so long, the ego reverses if nobody is this close behind it.
 ROOM_M, STUCK_TICKS, REAR_M, REVERSE_MPS = 7.2, 10, 7.0, 1.2
+# It also does so where it stands between the lanes; until it is in its own, or this far back.
+ASTRAY_M, LEAST_ROOM_M, MOST_ROOM_M, REVERSE_AHEAD_M = 0.6, 6.0, 20.0, 5.0
 # Largest change of the acceleration from one decision to the next, for comfort; harder braking is not limited.
 EASE_OFF_MPS2, PRESS_MPS2, HARD_MPS2 = 0.8, 0.4, -3.5
+SURPRISE_MPS2 = 2.0
 LOOK_AHEAD_M, LOOK_AHEAD_S = 4.0, 0.6
 
 
@@ -72,16 +75,21 @@ class Expert:
         if any(option.oncoming for option in found) and situation.forecast.times_s[1] == DT_S:
             situation = self._situation(world, self.lanes, long=True)
         chosen = plans(situation, found)
+        actual = float(world.ego.acceleration_body[0])
+        if abs(actual - self.acceleration) > SURPRISE_MPS2:
+            # Somebody else drives, or the road does not let it.
+            self.acceleration = actual
         driven = roll_out(situation, found, chosen, self.acceleration)
         verdict = judge(situation, found, chosen, driven, self.current)
         best = int(verdict.score.argmax())
         self.current = found[chosen[best].option].family
         wanted = float(driven.acceleration[best, 0])
         if wanted > HARD_MPS2:
-            wanted = min(max(wanted, self.acceleration - EASE_OFF_MPS2), max(self.acceleration, 0.0) + PRESS_MPS2)
+            wanted = max(wanted, self.acceleration - EASE_OFF_MPS2)
+            wanted = min(wanted, max(self.acceleration, 0.0) + PRESS_MPS2)
         self.acceleration = wanted
         if self._backs_up(situation, blocked, found, float(driven.s[best, -1])):
-            return self._reverse(world), f'make room before {blocked[0].name}'
+            return self._reverse(situation), f'make room before {blocked[0].name}'
         control = self._command(situation, found[chosen[best].option], self.acceleration)
         return control, reason(situation, found, chosen, driven, verdict, best)
 
@@ -101,30 +109,35 @@ class Expert:
         """Whether the ego stands too close behind an obstacle to steer out, and has room to reverse."""
         ways = any(option.family == 'pass' for option in found)
         room = blocked[0].begin_m - situation.front_m if blocked else math.inf
-        stuck = ways and room < ROOM_M and until_m - situation.s < 1.5 and situation.speed < 0.3
-        going_on = self.backing and room < ROOM_M + 1.5
+        astray = abs(situation.d) > ASTRAY_M
+        stuck = ways and (room < ROOM_M or (astray and room < LEAST_ROOM_M + ROOM_M))
+        stuck &= until_m - situation.s < 1.5 and situation.speed < 0.3
+        going_on = self.backing and (room < ROOM_M + 1.5 or abs(situation.d) > 0.6 * ASTRAY_M) and room < MOST_ROOM_M
         view = situation.forecast
         rear = situation.s - HALF_LENGTH_M
-        behind = (np.abs(view.d[:, :10] - situation.d) < 2.2) & (view.s[:, :10] + view.half_s[:, :10] > rear - REAR_M)
-        behind &= view.s[:, :10] < situation.s
+        reach = view.half_d[:, :10] + HALF_WIDTH_M + 0.2
+        behind = (np.abs(view.d[:, :10] - situation.d) < reach) & (view.s[:, :10] + view.half_s[:, :10] > rear - REAR_M)
+        behind &= (view.s[:, :10] < situation.s) & (np.cos(view.turned[:, :10]) > -0.5)
         self.stuck_ticks = self.stuck_ticks + 1 if stuck else 0
         self.backing = (going_on or self.stuck_ticks > STUCK_TICKS) and not bool(behind.any())
         return self.backing
 
-    def _reverse(self, world: World) -> Control:
-        """Slowly backwards."""
+    def _reverse(self, situation: Situation) -> Control:
+        """Slowly backwards, to the middle of the ego's lane."""
         self.acceleration = 0.0
-        speed = float(world.ego.speed)
+        world, speed = situation.world, float(situation.world.ego.speed)
+        x, y, _ = world.route.pose(situation.s - REVERSE_AHEAD_M)
+        steer = steer_to(world, x, y)
         if speed > 0.2:
-            return Control(0.0, 0.5, 0.0)
-        return Control(0.25 if speed > -REVERSE_MPS else 0.05, 0.0, 0.0, reverse=True)
+            return Control(0.0, 0.5, steer)
+        return Control(0.25 if speed > -REVERSE_MPS else 0.05, 0.0, steer, reverse=True)
 
     def _command(self, situation: Situation, option: Option, acceleration: float) -> Control:
         """Pedals for the acceleration, pure pursuit along the option."""
         world = situation.world
         ahead = situation.s + max(LOOK_AHEAD_M, LOOK_AHEAD_S * situation.speed)
         x, y, _ = world.route.pose(ahead, float(np.interp(ahead, situation.grid, option.offset)))
-        steer = min(max(steer_to(world, x, y) - self.push.estimate(world), -1.0), 1.0)
+        steer = min(max(steer_course_to(world, x, y) - self.push.estimate(world), -1.0), 1.0)
         return smooth_pedals(world, acceleration, steer)
 
 
@@ -135,7 +148,7 @@ class SteeringPush:
         self.wheel = self.deviation = 0.0
 
     def estimate(self, world: World) -> float:
-        """Disturbance of the steering command (share of full lock) over the last decision. Call it once per decision."""
+        """Disturbance of the steering command (share of full lock) over the last decision; call it once in each."""
         ego = world.ego
         keep = math.exp(-1.0 / DECISION_HZ / ego.parameters.steer_time_constant_s)
         self.wheel = keep * self.wheel + (1.0 - keep) * ego.command.steer
@@ -158,7 +171,7 @@ def reason(
     parts = []
     name = found[plan.option].name
     if name != 'route':
-        parts.append(name)
+        parts.append(f'{name} of {found[plan.option].about}' if found[plan.option].about else name)
     if plan.brake:
         parts.append('brake hard')
     kind = int(driven.first[best])
@@ -173,7 +186,7 @@ def reason(
         fastest = next(i for i, other in enumerate(chosen) if other.option == plan.option)
         if verdict.worst[fastest] >= 0:
             parts.append(f'{names[int(verdict.worst[fastest])]} in the way')
-    return ', '.join(dict.fromkeys(parts)) or 'free road'
+    return ', '.join(dict.fromkeys(parts)) or ('slow down' if plan.share < 1.0 else 'free road')
 
 
 class ExpertDriver:
@@ -184,10 +197,8 @@ class ExpertDriver:
     def reset(self, seed: int) -> None:
         """A new episode begins; the expert itself draws nothing at random."""
         self.expert = Expert()
-        self.sight = GeometricSight()
 
     def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
         assert env.world is not None
-        self.sight.update(env.world)
-        control, why = self.expert.control(env.world, self.sight)
+        control, why = self.expert.control(env.world, env.seen())
         return Decision(frame.stamp_ns, control, nearest_action(control), info={'reason': why})

@@ -106,10 +106,10 @@ class LaneMap:
     def _directions(self, poses: Float64) -> Ints:
         """(N,) FORWARD, ONCOMING or NOTHING: which kind of lane each pose lies in, seen along its heading."""
         found = np.full(len(poses), NOTHING)
-        lane, _, lateral, along = self._nearest(poses)
+        _, _, lateral, along = self._nearest(poses)
         found[(np.abs(lateral) < 0.35 * self.width_m) & (along < 1.0)] = FORWARD
-        turned = poses + (0.0, 0.0, math.pi)
-        lane, _, lateral, along = self._nearest(turned)
+        turned = poses + np.array((0.0, 0.0, math.pi))
+        _, _, lateral, along = self._nearest(turned)
         found[(found == NOTHING) & (np.abs(lateral) < 0.35 * self.width_m) & (along < 1.0)] = ONCOMING
         return found
 

@@ -31,7 +31,7 @@ KEEP_FOR_M = (20.0, 45.0, 80.0)
 WALL_SHORT_M = 4.0
 EMERGENCY_BEHIND_M = 70.0
 NEAR_SIDE_M = 1.3
-IN_THE_WAY_COST = 30.0
+IN_THE_WAY_COST, CUTS_IN_COST, LEAST_CLEAR_M = 30.0, 20.0, 0.3
 # The route is lost where the own lane is farther from it than this many lanes.
 LOST_LANES = 1.3
 
@@ -39,7 +39,8 @@ LOST_LANES = 1.3
 @dataclass(slots=True)
 class Option:
     """offset: (G,) lateral offset from the route. stop_m: where the front has to stop, inf without. why: reason of
-    the stop. cost: metres of progress that it has to be better by. oncoming: uses a lane of oncoming traffic."""
+    the stop. cost: metres of progress that it has to be better by. oncoming: uses a lane of oncoming traffic.
+    about: whom it gets around."""
 
     name: str
     offset: Float64
@@ -47,7 +48,7 @@ class Option:
     why: str = ''
     cost: float = 0.0
     oncoming: bool = False
-    begins_m: float = -math.inf
+    about: str = ''
 
     @property
     def family(self) -> str:
@@ -188,7 +189,7 @@ def _around(situation: Situation, zone: Zone, across_m: float, *, oncoming: bool
         offset = later(offset, np.zeros_like(grid), grid, max(back_from, situation.s), max(12.0, 0.8 * over))
     name = f'pass {"left" if across_m > 0.0 else "right"}'
     cost = 2.0 if abs(across_m) < 0.5 * width else 3.0
-    return Option(name, offset, cost=cost + 2.0 * oncoming, oncoming=oncoming, begins_m=start)
+    return Option(name, offset, cost=cost + 2.0 * oncoming, oncoming=oncoming, about=zone.name)
 
 
 def _lane_beside(situation: Situation, side: int, name: str, *, hurried: bool) -> list[Option]:
@@ -254,11 +255,18 @@ def _small_shifts(situation: Situation) -> list[Option]:
 def _hold(situation: Situation, option: Option, blocked: list[Zone]) -> None:
     """An option that runs into a fixed obstacle has to stop well short of it."""
     for zone in blocked:
-        at = float(np.interp(zone.begin_m, situation.grid, option.offset))
         if zone.begin_m > situation.s + AHEAD_M or zone.speed > 0.3:
             continue
-        if zone.d_low - HALF_WIDTH_M - 0.2 < at < zone.d_high + HALF_WIDTH_M + 0.2:
-            stop = zone.begin_m - STAND_SHORT_M
-            if stop > situation.front_m - 1.0 and stop < option.stop_m:
+        beside = (situation.grid > zone.begin_m - HALF_LENGTH_M) & (situation.grid < zone.end_m + HALF_LENGTH_M)
+        at = option.offset[beside & (situation.grid > situation.s)]
+        reach = HALF_WIDTH_M + LEAST_CLEAR_M
+        if not ((at > zone.d_low - reach) & (at < zone.d_high + reach)).any():
+            continue
+        stop = zone.begin_m - STAND_SHORT_M
+        if stop > situation.front_m - 1.0:
+            if stop < option.stop_m:
                 option.stop_m, option.why = stop, f'blocked by {zone.name}'
-            return
+        elif abs(situation.d) > 1.0:
+            # It is past the point where it could stop: cutting in front of the obstacle is no way.
+            option.cost += CUTS_IN_COST
+        return

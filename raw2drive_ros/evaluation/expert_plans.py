@@ -52,7 +52,7 @@ class Plan:
 
 @dataclass(slots=True)
 class Rollouts:
-    """Arrays over plans (P) and times (T): arc length, lateral offset, its slope, speed, acceleration. follower_lag: (P, N, T)
+    """Arrays over plans (P) and times (T): arc length, lateral offset, its slope, speed, acceleration. lag: (P, N, T)
     how far each actor stays behind its forecast because the ego is in front of it; imposed: (P, N) the hardest braking
     that takes. first: (P,) what limited the first step (FREE, LEADER, STOP or CAP), leader: (P,) whom."""
 
@@ -203,8 +203,7 @@ class _Rollout:
             wanted = np.minimum(wanted, follow)
         room = self.stop - front
         needed = v * v / (2.0 * np.maximum(room, 0.15))
-        with np.errstate(invalid='ignore'):
-            rolling = 2.0 * (np.sqrt(2.0 * STOP_MPS2 * np.maximum(room - 0.2, 0.0)) - v)
+        rolling = 2.0 * (np.sqrt(2.0 * STOP_MPS2 * np.maximum(room - 0.2, 0.0)) - v)
         halt = np.where(needed > 0.9 * STOP_MPS2, -1.05 * needed, rolling)
         halt = np.where(room < 0.3, -3.0, halt)
         halt = np.where(room < -1.0, np.inf, np.maximum(halt, LEAST_MPS2))

@@ -18,7 +18,7 @@ from raw2drive_ros.evaluation.expert_map import Continuation, LaneMap, Place, Ro
 from raw2drive_ros.evaluation.expert_rules import RightOfWay
 from raw2drive_ros.simulation.path import Path
 
-DT_S = 0.25
+DT_S = 0.3
 # A hypothesis below this weight is only feared: it counts once it is nearly too late to stop for it.
 LIKELY = 0.5
 IDM_ACCELERATION_MPS2, IDM_BRAKING_MPS2, IDM_TIME_GAP_S, IDM_GAP_M = 2.0, 3.0, 1.0, 2.5
@@ -178,7 +178,7 @@ def _with_right_of_way(hypothesis: Hypothesis, place: Place, way: Continuation, 
         left_m = enter - place.s_m - track.length_m / 2
         if left_m < -1.5:
             continue
-        x, y, yaw = way.path.pose(enter)
+        yaw = way.path.pose(enter)[2]
         if not rules.yields_to_ego(junction, yaw, turn):
             return [hypothesis]
         needed = track.speed**2 / (2.0 * max(left_m, 0.3))

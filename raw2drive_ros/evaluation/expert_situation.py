@@ -24,7 +24,7 @@ JOINED_M = 14.0
 BLOCKED_AFTER_S = 25.0
 SLOW_SHARE = 0.45
 BLOCKS_WITHIN_M = 85.0
-SIGNAL_STOP_MPS2, LATE_MPS2 = 3.2, 6.5
+SIGNAL_STOP_MPS2, LATE_MPS2, LINE_SHORT_M = 3.2, 6.5, 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def stop_line(situation: Situation) -> tuple[float, str]:
     for i, sign in enumerate(world.stop_signs):
         if i in situation.belief.signs and not sign.obeyed and front - 0.4 < sign.line_s_m < best:
             best, why = sign.line_s_m, 'stop sign'
-    return best, why
+    return best - LINE_SHORT_M, why
 
 
 def zones(situation: Situation) -> list[Zone]:

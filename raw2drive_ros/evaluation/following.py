@@ -17,6 +17,8 @@ SIGHT_M = 45.0
 STOP_BEFORE_M = 1.0
 IDM_TIME_GAP_S = 1.0
 IDM_GAP_M = 3.0
+# Time constant of the steering.
+STEER_LAG_S = 0.15
 
 
 def pursuit_steer(
@@ -39,12 +41,30 @@ def pursuit_steer(
 def steer_to(world: World, x: float, y: float) -> float:
     """Steering in [-1, 1] of the arc that leads from the ego's centre to the point (x, y) of `map`."""
     ego = world.ego
-    dx, dy = x - float(ego.position[0]), y - float(ego.position[1])
-    cos, sin = math.cos(ego.heading), math.sin(ego.heading)
-    local_x, local_y = dx * cos + dy * sin, -dx * sin + dy * cos
-    curvature = 2.0 * local_y / max(local_x * local_x + local_y * local_y, 1e-6)
-    wheel = math.atan(curvature * ego.parameters.wheelbase_m)
+    wheel = math.atan(_curvature_to(world, ego.heading, x, y) * ego.parameters.wheelbase_m)
     return min(max(wheel / ego.parameters.max_steer_rad, -1.0), 1.0)
+
+
+def steer_course_to(world: World, x: float, y: float) -> float:
+    """As `steer_to`, for the arc that the centre drives: it begins in the course, not in the heading of the body, and
+    where the ego is once the wheels have turned."""
+    ego, lag_s = world.ego, STEER_LAG_S
+    half = ego.parameters.wheelbase_m / 2
+    turned = ego.yaw_rate * lag_s
+    course = ego.heading + ego.beta_rad + turned
+    way = max(ego.speed, 0.0) * lag_s
+    ahead_x, ahead_y = way * math.cos(course - turned / 2), way * math.sin(course - turned / 2)
+    curvature = _curvature_to(world, course, x - ahead_x, y - ahead_y)
+    wheel = math.atan(2.0 * math.tan(math.asin(min(max(curvature * half, -0.7), 0.7))))
+    return min(max(wheel / ego.parameters.max_steer_rad, -1.0), 1.0)
+
+
+def _curvature_to(world: World, course_rad: float, x: float, y: float) -> float:
+    """Curvature (1/m) of the arc from the ego's centre in direction `course_rad` to a point."""
+    dx, dy = x - float(world.ego.position[0]), y - float(world.ego.position[1])
+    cos, sin = math.cos(course_rad), math.sin(course_rad)
+    local_x, local_y = dx * cos + dy * sin, -dx * sin + dy * cos
+    return 2.0 * local_y / max(local_x * local_x + local_y * local_y, 1e-6)
 
 
 def route_window(world: World, offset_m: float = 0.0) -> Float64:

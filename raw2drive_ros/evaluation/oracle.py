@@ -1,8 +1,8 @@
 """The oracle, a driver without learning: it simulates several speeds and lateral offsets, and drives by the best.
 
-It is the bound of what can be solved on a route, and no example to learn from: its rollouts use a fork of the world with
-all triggers and intentions, which no driver could observe. A plan is a share of the speed limit and a lateral offset,
-kept for `REPLAN_TICKS` decisions; pure pursuit steers. The driver that plans on what it has seen is `expert.py`.
+It is the bound of what can be solved on a route, and no example to learn from: its rollouts use a fork of the world
+with all triggers and intentions, which no driver could observe. A plan is a share of the speed limit and a lateral
+offset, kept for `REPLAN_TICKS` decisions; pure pursuit steers. The driver that plans on what it sees is `expert.py`.
 """
 
 from __future__ import annotations

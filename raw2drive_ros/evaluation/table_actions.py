@@ -84,7 +84,7 @@ class TableActionDriver:
 
 
 def through_table(name: str, driver: EpisodeDriver, noise: float = 0.0) -> TableActionDriver:
-    """The driver that `--table` makes of a named one. The expert notes its choice as advice; the oracle plans coarsely."""
+    """The one that `--table` makes of a named one. The expert notes its choice as advice, the oracle plans coarsely."""
     return TableActionDriver(
         oracle_driver(coarse=True) if name == 'oracle' else driver, noise, advises=name == 'expert'
     )

@@ -203,11 +203,25 @@ class DrivingEnv(AbstractEnv):
         if self.simulation.cameras:
             self.renderer.counting = self.simulation.sees
             self.renderer.new_world(world, self.weather, variation, rng)
-        self.visibility = None
-        if self.simulation.sees:
-            self.id_painter.new_world(world, self.weather, variation)
-            height, width = self.simulation.image_size
-            self.visibility = Visibility(self.weather, len(self.rig), height * width)
+        self.variation = variation
+        self.visibility = self._new_visibility(world) if self.simulation.sees else None
+
+    def _new_visibility(self, world: World) -> Visibility:
+        self.id_painter.new_world(world, self.weather, self.variation)
+        height, width = self.simulation.image_size
+        return Visibility(self.weather, len(self.rig), height * width)
+
+    def seen(self) -> Visibility:
+        """`visibility`; where the configuration leaves it out, it is kept from this tick of the episode on.
+
+        Raises RuntimeError before the first `reset`.
+        """
+        if self.world is None:
+            raise RuntimeError('DrivingEnv.seen: call reset first')
+        if self.visibility is None:
+            self.visibility = self._new_visibility(self.world)
+            self._look(self.world)
+        return self.visibility
 
     def _ends(self, outcome: Outcome) -> tuple[bool, bool]:
         """(terminated, truncated)."""
