@@ -42,7 +42,7 @@ THRESHOLDS_PX = {
     'cone': VEHICLE_PX,
     'door': VEHICLE_PX,
 }
-RAIN_LOSS = 10.0
+RAIN_LOSS = 6.0
 LIT_AT_NIGHT = 0.8
 MEMORY_S = 2.0
 
