@@ -7,7 +7,7 @@ from pathlib import Path
 
 from raw2drive_ros.cli.driver_options import refuse_for_drivers
 from raw2drive_ros.cli.parser import at_least, note, refuse
-from raw2drive_ros.evaluation.drivers import DRIVERS, driver_help, driver_list
+from raw2drive_ros.evaluation.drivers import DRIVERS, driver_entry, driver_help, driver_list
 from raw2drive_ros.simulation.weather import CLEAR, WEATHER_NAMES, get_weather
 
 EXAMPLES = """examples:
@@ -49,6 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--seed', type=int, default=0, help='0 or more; another one draws other training routes')
     parser.add_argument('--weather', default=CLEAR, help='a weather preset, or cycle: one of all presets every episode')
+    parser.add_argument(
+        '--twins',
+        type=float,
+        default=1.0 / 3.0,
+        help='share of twins, in which nothing happens, of types that have one',
+    )
     parser.add_argument('--vary', action='store_true', help='vary camera, mounting, paint and sun between episodes')
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--no-cameras', action='store_true', help='leave the images out (stage 1 does not need them)')
@@ -62,9 +68,9 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.driver_spec import DriverSpec
     from raw2drive_ros.evaluation.drivers import make_driver
+    from raw2drive_ros.evaluation.expert import ExpertDriver
     from raw2drive_ros.evaluation.routes import weighted_types
     from raw2drive_ros.evaluation.table_actions import AdvisedDriver, through_table
-    from raw2drive_ros.evaluation.world_drivers import expert_driver
     from raw2drive_ros.progress import bar
     from raw2drive_ros.simulation.camera_rig import SIZES
 
@@ -77,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     if options.table:
         driver = through_table(options.driver, driver, options.noise)
     if options.advice and not (options.table and options.driver == 'expert'):
-        driver = AdvisedDriver(driver, expert_driver(coarse=True), options.advice_every)
+        driver = AdvisedDriver(driver, ExpertDriver(), options.advice_every)
     config = CollectConfig(
         scenarios,
         options.ticks,
@@ -88,6 +94,7 @@ def run(options: argparse.Namespace) -> int:
         image_size=SIZES[options.size],
         weathers=WEATHER_NAMES if options.weather == 'cycle' else (get_weather(options.weather).name,),
         vary=options.vary,
+        twins=options.twins,
     )
     metadata = {
         'driver': options.driver,
@@ -121,17 +128,19 @@ def _check(options: argparse.Namespace) -> None:
     at_least(options, ASKED_TICKS, 'advice_every')
     if not 0.0 <= options.noise <= 1.0:
         raise UsageError(f'--noise {options.noise:g}: a chance per tick, from 0 to 1')
+    if not 0.0 <= options.twins <= 1.0:
+        raise UsageError(f'--twins {options.twins:g}: a share, from 0 to 1')
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     refuse_for_drivers(options, options.driver)
-    if options.table and DRIVERS[options.driver].table:
+    if options.table and driver_entry(options.driver).table:
         raise UsageError(f'--table: driver {options.driver} drives with actions of the table anyway')
-    if options.noise and not options.table and 'noise' not in DRIVERS[options.driver].reads:
+    if options.noise and not options.table and 'noise' not in driver_entry(options.driver).reads:
         known = ', '.join(name for name, entry in DRIVERS.items() if 'noise' in entry.reads)
         raise UsageError(f'--noise: driver {options.driver} takes none; these do: {known}, and others with --table')
     if not options.advice:
         refuse(options, ['advice_every'], 'goes with --advice')
     if options.no_cameras:
-        if DRIVERS[options.driver].cameras:
+        if driver_entry(options.driver).cameras:
             raise UsageError(f'--no-cameras: driver {options.driver} drives by the cameras')
         refuse(options, ['size', 'vary'], 'is of the camera images, which --no-cameras leaves out')

@@ -8,7 +8,7 @@ from raw2drive_ros.cli.parser import refuse
 from raw2drive_ros.evaluation.drivers import DRIVERS, driver_entry
 
 # dest of the verb's option -> name in `DriverOptions`.
-READ_AS = {'bundle': 'bundle', 'training_run': 'run', 'threads': 'threads'}
+READ_AS = {'bundle': 'bundle', 'training_run': 'run', 'threads': 'threads', 'driver_args': 'arguments'}
 
 
 def refuse_for_drivers(options: argparse.Namespace, *names: str) -> None:
@@ -16,7 +16,9 @@ def refuse_for_drivers(options: argparse.Namespace, *names: str) -> None:
     entries = [driver_entry(name) for name in names]
     for dest, wanted in READ_AS.items():
         if not any(wanted in entry.reads for entry in entries):
-            known = ', '.join(name for name, entry in DRIVERS.items() if wanted in entry.reads)
+            known = (
+                ', '.join(name for name, entry in DRIVERS.items() if wanted in entry.reads) or 'package.module:Class'
+            )
             refuse(options, [dest], f'is for {known}; driver {names[0]} does not read it')
     if not any(entry.cameras for entry in entries):
         refuse(options, ['blind'], f'driver {names[0]} does not look at the cameras anyway')

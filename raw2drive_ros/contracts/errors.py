@@ -115,6 +115,16 @@ class UnknownDriverError(UserError, ValueError):
     exit_code = 2
 
 
+class DriverClassError(UserError, ValueError):
+    """A driver given as `package.module:Class` cannot be used; the message says what its class lacks."""
+
+    exit_code = 2
+
+
+class DriverFault(UserError, RuntimeError):
+    """A driver given as a class raised, returned no command, ended or did not answer during a drive."""
+
+
 class UnknownSuiteError(UserError, ValueError):
     """No suite of that name; the message lists the known ones."""
 

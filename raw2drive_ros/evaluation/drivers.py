@@ -20,12 +20,14 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, slots=True)
 class DriverOptions:
     """bundle: of driver raw. run: of driver privileged, whatever `load_teacher` takes; None: the shipped teacher.
-    noise: chance per tick of a burst of random actions, see each driver. threads: of torch."""
+    noise: chance per tick of a burst of random actions, see each driver. threads: of torch.
+    arguments: key=value, of a driver that is a class."""
 
     bundle: Path | None = None
     run: Path | None = None
     noise: float = 0.0
     threads: int = 1
+    arguments: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +62,15 @@ def _privileged(options: DriverOptions) -> EpisodeDriver:
 
 
 def _expert(options: DriverOptions) -> EpisodeDriver:
-    from raw2drive_ros.evaluation.world_drivers import expert_driver
+    from raw2drive_ros.evaluation.expert import ExpertDriver
 
-    return expert_driver()
+    return ExpertDriver()
+
+
+def _oracle(options: DriverOptions) -> EpisodeDriver:
+    from raw2drive_ros.evaluation.world_drivers import oracle_driver
+
+    return oracle_driver()
 
 
 def _rule(options: DriverOptions) -> EpisodeDriver:
@@ -129,7 +137,8 @@ DRIVERS = {
     'privileged': DriverEntry(
         _privileged, 'the stage-1 policy on BEV masks', table=True, reads=('run', 'noise', 'threads')
     ),
-    'expert': DriverEntry(_expert, 'tries its plans out in forks of the simulation'),
+    'expert': DriverEntry(_expert, 'plans on what has been visible, without knowing the future'),
+    'oracle': DriverEntry(_oracle, 'tries its plans out in forks of the simulation: it knows the future'),
     'rule': DriverEntry(_rule, 'rules on the simulation: leaders, conflicts, lights, signs', reads=('noise',)),
     'idm': DriverEntry(_idm, 'IDM and MOBIL on the simulation'),
     'constant': DriverEntry(_constant, 'a constant speed along the route, whatever is ahead'),
@@ -138,11 +147,13 @@ DRIVERS = {
     **{name: DriverEntry(_sightless(name), about) for name, about in SIGHTLESS.items()},
 }
 DRIVER_NAMES = tuple(DRIVERS)
+# In the name of a driver that is a class.
+CLASS_MARK = ':'
 
 
 def driver_help() -> str:
     """The names in a sentence, for `--driver`."""
-    return f'{", ".join(DRIVER_NAMES[:-1])} or {DRIVER_NAMES[-1]}'
+    return f'{", ".join(DRIVER_NAMES)} or package.module:Class'
 
 
 def driver_list() -> str:
@@ -150,15 +161,34 @@ def driver_list() -> str:
     return 'drivers:\n' + '\n'.join(f'  {name:14s} {entry.about}' for name, entry in DRIVERS.items())
 
 
+def _of_class(name: str) -> DriverEntry:
+    """A driver that is a class of the user's, see `custom_driver`."""
+
+    def make(options: DriverOptions) -> EpisodeDriver:
+        from raw2drive_ros.evaluation.custom_driver import custom_driver
+
+        return custom_driver(name, options.arguments)
+
+    return DriverEntry(make, 'a class', reads=('arguments',), cameras=True)
+
+
 def driver_entry(name: str) -> DriverEntry:
-    """The driver of that name. Raises UnknownDriverError."""
+    """The driver of that name, which may be `package.module:Class`. Raises UnknownDriverError."""
+    if CLASS_MARK in name:
+        return _of_class(name)
     if name not in DRIVERS:
         raise UnknownDriverError(unknown_name('driver', name, DRIVER_NAMES))
     return DRIVERS[name]
 
 
 def make_driver(
-    name: str, bundle: Path | None = None, run: Path | None = None, noise: float = 0.0, threads: int = 1
+    name: str,
+    bundle: Path | None = None,
+    run: Path | None = None,
+    noise: float = 0.0,
+    threads: int = 1,
+    arguments: tuple[str, ...] = (),
 ) -> EpisodeDriver:
-    """A driver by name; see `DriverOptions`. Raises UnknownDriverError, BundleError or CheckpointError."""
-    return driver_entry(name).make(DriverOptions(bundle, run, noise, threads))
+    """A driver by name; see `DriverOptions`. Raises UnknownDriverError, DriverClassError, BundleError or
+    CheckpointError."""
+    return driver_entry(name).make(DriverOptions(bundle, run, noise, threads, arguments))

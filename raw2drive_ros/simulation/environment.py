@@ -24,6 +24,7 @@ from raw2drive_ros.simulation.criteria import Criteria
 from raw2drive_ros.simulation.draws import Draw, Rng, rng_for
 from raw2drive_ros.simulation.id_painter import IdPainter
 from raw2drive_ros.simulation.privileged_view import PrivilegedView
+from raw2drive_ros.simulation.protocol import PAIRS
 from raw2drive_ros.simulation.renderer import CameraRenderer
 from raw2drive_ros.simulation.reward import Outcome, RewardModel
 from raw2drive_ros.simulation.route_id import RouteId
@@ -41,9 +42,10 @@ CLOCK_START_NS = 1_000_000_000
 class SimulationConfig:
     """image_size: (height, width). supersampling: 1 or 2. imu_noise: standard deviations of accelerometer (m/s2) and
     gyroscope (rad/s). end_on_infraction: end the episode at the first collision, red light or stop sign that was run,
-    as the paper does for training; otherwise the drive goes on after lights and signs, as in Bench2Drive. vary: draw
+    as the paper does for training; otherwise the drive goes on, after collisions too, as in Bench2Drive. vary: draw
     exposure, camera mounting, ground colours and sun anew for every episode (`variation.Variation`); repetitions of a
-    route always do. visibility: keep `DrivingEnv.visibility`; default: with cameras or BEV masks.
+    route always do. protocol: see `simulation.protocol`. visibility: keep `DrivingEnv.visibility`; default: with
+    cameras or BEV masks.
     """
 
     image_size: tuple[int, int] = (96, 160)
@@ -53,6 +55,7 @@ class SimulationConfig:
     imu_noise: tuple[float, float] = (0.0, 0.0)
     end_on_infraction: bool = True
     vary: bool = False
+    protocol: str = PAIRS
     visibility: bool | None = None
 
     @property
@@ -127,7 +130,7 @@ class DrivingEnv(AbstractEnv):
         self.road = Road(self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32))
         self.controlled_vehicles = [self.world.ego]
         self.noise_rng = draw.rng
-        self.criteria = Criteria(chosen.get('time_limit_s'))
+        self.criteria = Criteria(chosen.get('time_limit_s'), self.simulation.protocol)
         self.criteria.step(self.world)
         self.rewards = RewardModel(self.world)
         self.prepare_pictures()
@@ -170,9 +173,9 @@ class DrivingEnv(AbstractEnv):
             odometries.append(odometry)
             self.motion.append((*self.world.ego.acceleration_body, self.world.ego.yaw_rate))
         happened = self.criteria.step(self.world)
-        outcome = self.rewards.step(self.world, happened)
+        outcome = self.rewards.step(self.world, happened, self.criteria.step_outside_m)
         self.reward_sum += outcome.reward
-        terminated, truncated = self._ends(outcome, happened)
+        terminated, truncated = self._ends(outcome)
         self.done = terminated or truncated
         transition = Transition(
             self.clock_ns,
@@ -211,7 +214,7 @@ class DrivingEnv(AbstractEnv):
             height, width = self.simulation.image_size
             self.visibility = Visibility(self.weather, len(self.rig), height * width)
 
-    def _ends(self, outcome: Outcome, happened: list[str]) -> tuple[bool, bool]:
+    def _ends(self, outcome: Outcome) -> tuple[bool, bool]:
         """(terminated, truncated)."""
         assert self.world is not None
         if outcome.truncated or self.criteria.finished(self.world):
@@ -220,8 +223,7 @@ class DrivingEnv(AbstractEnv):
             if outcome.terminal:
                 return True, False
             return False, bool(self.criteria.failure)
-        collided = any(name.startswith('collision') for name in happened)
-        return collided or bool(self.criteria.failure), False
+        return bool(self.criteria.failure), False
 
     def _sample(self, stamp_ns: int) -> tuple[ImuSample, OdometrySample]:
         assert self.world is not None

@@ -75,6 +75,8 @@ def paint_ground(
         cv2.fillPoly(texture, [pixels(polygon)], sidewalk.tolist(), shift=SHIFT)
     for polygon in road.surfaces_m:
         cv2.fillPoly(texture, [pixels(polygon)], asphalt.tolist(), shift=SHIFT)
+    for polygon in road.islands_m:
+        cv2.fillPoly(texture, [pixels(polygon)], grass.tolist(), shift=SHIFT)
     for marking in road.markings:
         kind = marking.kind.removesuffix('_dashed')
         if kind == 'zebra':

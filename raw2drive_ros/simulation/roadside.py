@@ -13,7 +13,6 @@ import numpy as np
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.actors import Look, StandingObject, Walker, fork_of
 from raw2drive_ros.simulation.draws import Rng
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.roads import RoadMap
 from raw2drive_ros.simulation.scenario import BackgroundSpec
@@ -111,14 +110,14 @@ def place_roadside(
     for path, side in sides:
         open_m = _open_stations(road, path, taken_m)
         if side in parked_sides:
-            found += _parked(path, open_m, spec.parked, LANE_WIDTH_M / 2, rng, split)
-        found += _people(path, open_m, spec.bystanders, LANE_WIDTH_M / 2, rng, split)
+            found += _parked(path, open_m, spec.parked, layout.lane_width_m / 2, rng, split)
+        found += _people(path, open_m, spec.bystanders, layout.lane_width_m / 2, rng, split)
     return found
 
 
 def _open_stations(road: RoadMap, path: Path, taken_m: Float64) -> Float64:
     """Arc lengths, a metre apart, away from junctions, ramps and from the scene's own actors."""
-    stations = np.arange(2.0, path.length_m - 2.0, 1.0)
+    stations = np.arange(path.start_s_m + 2.0, path.length_m - 2.0, 1.0)
     points = np.array([path.pose(float(s), -2.0)[:2] for s in stations])
     free = np.ones(len(stations), bool)
     for site in road.junctions:
@@ -134,7 +133,7 @@ def _open_stations(road: RoadMap, path: Path, taken_m: Float64) -> Float64:
 def _parked(path: Path, open_m: Float64, share: float, half_m: float, rng: Rng, split: str) -> list[Actor]:
     found: list[Actor] = []
     free = set(open_m.tolist())
-    for s_m in np.arange(6.0, path.length_m - 6.0, PLACE_M).tolist():
+    for s_m in np.arange(path.start_s_m + 6.0, path.length_m - 6.0, PLACE_M).tolist():
         takes, van, shift = rng.random(3).tolist()
         kind = 'parked_van' if van < VAN_SHARE else 'parked'
         look = Look.draw(kind, rng, split)
@@ -152,7 +151,7 @@ def _parked(path: Path, open_m: Float64, share: float, half_m: float, rng: Rng, 
 def _people(path: Path, open_m: Float64, per_100_m: int, half_m: float, rng: Rng, split: str) -> list[Actor]:
     found: list[Actor] = []
     free = set(open_m.tolist())
-    for begin in np.arange(2.0, path.length_m - STRETCH_M, STRETCH_M + 2.0).tolist():
+    for begin in np.arange(path.start_s_m + 2.0, path.length_m - STRETCH_M, STRETCH_M + 2.0).tolist():
         comes, stands, at, side, speed = rng.random(5).tolist()
         look = Look.draw('walker', rng, split)
         whole = all(begin + k in free for k in range(int(STRETCH_M)))
