@@ -133,7 +133,7 @@ class DrivingEnv(AbstractEnv):
         self.criteria = Criteria(chosen.get('time_limit_s'), self.simulation.protocol)
         self.criteria.step(self.world)
         self.rewards = RewardModel(self.world)
-        self._new_pictures(self.world)
+        self.prepare_pictures()
         self.bev = BevRenderer(self.world) if self.simulation.bev else None
         self.view = None if self.bev is None else PrivilegedView(self.world, self.bev)
         self.clock_ns += DECISION_NS
@@ -195,8 +195,13 @@ class DrivingEnv(AbstractEnv):
         tick = self._tick(tuple(imus), tuple(odometries), transition, info)
         return tick, outcome.reward, terminated, truncated, info
 
-    def _new_pictures(self, world: World) -> None:
-        """Prepare all that looks at the world. Weather and variation have their own generator, so physics stay."""
+    def prepare_pictures(self) -> None:
+        """Prepare all that looks at the world. `reset` calls it; call it yourself after you changed `world.scenery`.
+
+        Weather and variation have a generator of their own, so physics do not change.
+        """
+        assert self.world is not None
+        world = self.world
         rng = picture_rng(self.route_id)
         varies = self.simulation.vary or self.route_id.repetition > 0
         variation = Variation.draw(rng, len(self.rig)) if varies else NO_VARIATION

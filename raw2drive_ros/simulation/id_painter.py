@@ -89,7 +89,7 @@ class IdPainter:
             raise RuntimeError('IdPainter.count: call new_world first')
         pose = self.world.ego_history[0]
         things = things_in_sight(self.world, pose, self.scenery, night=self.night, detail_m=detail_m(self.projector))
-        drawing = None if things is None else self.projector.project(things)
+        drawing = None if things is None else self.projector.project(things, counted_only=True)
         self.counts, self.signal_counts = no_counts(self.world, len(self.cameras))
         if things is not None and drawing is not None:
             self.buffer.fill(0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,6 +13,8 @@ from raw2drive_ros.contracts.public import CameraCalibration, Float64
 from raw2drive_ros.simulation.things import Things
 
 NEAR_M = 0.15
+# Polygons cover the pixels that they touch: things may hide others that are this far beside them.
+EDGE_RAD = 0.02
 # Quads of fewer pixels are left out.
 LEAST_PX = 0.35
 SHIFT = 4
@@ -60,9 +63,12 @@ class QuadProjector:
         self.projections[:, :, :2] *= self.focal[:, None]
         self.projections[:, :, :2] += self.rotations[:, :, 2:] * self.centre[:, None]
 
-    def project(self, things: Things) -> Drawing | None:
-        """The polygons that face a camera and lie within its image; None if there are none."""
-        camera, quad = self._facing(things)
+    def project(self, things: Things, *, counted_only: bool = False) -> Drawing | None:
+        """The polygons that face a camera and lie within its image; None if there are none.
+
+        counted_only: leave out what can hide nothing that has a number.
+        """
+        camera, quad = self._facing(things, counted_only=counted_only)
         if not len(quad):
             return None
         corners = things.corners_m[quad]
@@ -89,13 +95,16 @@ class QuadProjector:
             low[i], high[i] = 0.0, (self.width, self.height)
         return Drawing(camera[drawn], quad[drawn], polygons, low, high)
 
-    def _facing(self, things: Things) -> tuple[Ints, Ints]:
+    def _facing(self, things: Things, *, counted_only: bool) -> tuple[Ints, Ints]:
         """(camera, quad) indices of all quads that face a camera and belong to a thing within its field of view."""
         centre = things.place_m - self.positions[:, None, :2]
         depth = np.einsum('cnk,ck->cn', centre, self.rotations[:, :2, 2])
         across = np.abs(np.einsum('cnk,ck->cn', centre, self.rotations[:, :2, 0]))
         cos, sin = self.edge
-        camera, thing = np.nonzero((across * cos - depth * sin < things.radius_m) & (depth > -things.radius_m))
+        within = (across * cos - depth * sin < things.radius_m) & (depth > -things.radius_m)
+        if counted_only:
+            within &= things.counted | _may_hide(centre, things)
+        camera, thing = np.nonzero(within)
         many = things.count[thing]
         ends = np.cumsum(many)
         if not len(ends):
@@ -105,6 +114,23 @@ class QuadProjector:
         to_quad = things.corners_m[quad, 0] - self.positions[camera]
         facing = np.einsum('qk,qk->q', things.normals[quad], to_quad) < 0.0
         return camera[facing], quad[facing]
+
+
+def _may_hide(centre: Float64, things: Things) -> NDArray[np.bool_]:
+    """(cameras, things): whether a thing's circle on the ground, seen from the camera, touches that of a thing with a
+    number which is not nearer. centre: (cameras, things, 2), relative to the cameras."""
+    distance = np.hypot(centre[..., 0], centre[..., 1])
+    bearing = np.arctan2(centre[..., 1], centre[..., 0])
+    half = np.arcsin(np.minimum(things.radius_m / np.maximum(distance, 1e-6), 1.0)) + EDGE_RAD
+    # Around the camera, a circle is in every direction.
+    half[distance <= things.radius_m] = math.pi
+    counted = things.counted
+    apart = np.abs(bearing[:, :, None] - bearing[:, None, counted])
+    apart = np.minimum(apart, 2.0 * math.pi - apart)
+    touches = apart < half[:, :, None] + half[:, None, counted]
+    begins, ends = distance - things.radius_m, (distance + things.radius_m)[:, counted]
+    hides: NDArray[np.bool_] = (touches & (begins[:, :, None] < ends[:, None])).any(axis=2)
+    return hides
 
 
 def _least(values: Float64) -> Float64:

@@ -10,20 +10,20 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raw2drive_ros.contracts.public import Float64
-from raw2drive_ros.simulation.looks import PAINTS
+from raw2drive_ros.simulation.looks import SCENERY_PAINTS
+from raw2drive_ros.simulation.scenery import SceneryItem
 from raw2drive_ros.simulation.shapes import Colour, Quad, Span, box, frustum, shape_of
 
 SEGMENT_M, HILL_SEGMENT_M, STOREY_M, WINDOW_EVERY_M = 5.0, 10.0, 2.9, 2.6
 # Scenery is drawn up to `FAR_M`, and with its details up to `NEAR_M`, from the middle of a square of `CELL_M`.
 FAR_M, NEAR_M, CELL_M = 100.0, 40.0, 8.0
 ROOFS = ((128.0, 58.0, 44.0), (96.0, 62.0, 50.0), (74.0, 76.0, 82.0), (110.0, 84.0, 66.0))
-WINDOW, DOOR, TRUNK, POST = (58.0, 68.0, 82.0), (84.0, 58.0, 42.0), (92.0, 72.0, 54.0), (118.0, 118.0, 116.0)
+WINDOW, DOOR, TRUNK = (58.0, 68.0, 82.0), (84.0, 58.0, 42.0), (92.0, 72.0, 54.0)
 # A window whose room is lit, by night.
 WINDOW_LIT = (236.0, 196.0, 120.0)
 LIT_SHARE = 0.3
@@ -69,7 +69,7 @@ class PlacedQuads:
 class Scenery:
     """The scenery of one world. night: some windows are lit."""
 
-    def __init__(self, items: Iterable[Any], *, night: bool = False) -> None:
+    def __init__(self, items: Iterable[SceneryItem], *, night: bool = False) -> None:
         parts = [_moved(item, part, night=night) for item in items for part in BUILDERS[item.kind](item)]
         self.near, self.far = (static_quads([(part[0], part[form]) for part in parts]) for form in (1, 2))
         self._cell: tuple[int, int] | None = None
@@ -99,7 +99,7 @@ def static_quads(parts: Sequence[tuple[Point2, list[Quad]]]) -> PlacedQuads:
     return PlacedQuads(shape.vectors, shape.paint, count, places, np.maximum.reduceat(reach, np.cumsum(count) - count))
 
 
-def _moved(item: Any, part: Part, *, night: bool) -> Part:
+def _moved(item: SceneryItem, part: Part, *, night: bool) -> Part:
     """A part from the item's frame to `map`. By day no window is lit."""
     cos, sin = math.cos(item.yaw_rad), math.sin(item.yaw_rad)
 
@@ -115,11 +115,9 @@ def _moved(item: Any, part: Part, *, night: bool) -> Part:
     return there(*part[0]), forms[0], forms[1]
 
 
-def _colour(item: Any) -> Colour:
-    """RGB of an item, whose colour is RGB or an index into `looks.PAINTS`."""
-    if isinstance(item.colour, int | np.integer):
-        return tuple(float(part) for part in PAINTS[int(item.colour) % len(PAINTS)])
-    return tuple(float(part) for part in item.colour[:3])
+def _colour(item: SceneryItem) -> Colour:
+    paints = SCENERY_PAINTS[item.kind]
+    return tuple(float(part) for part in paints[item.colour % len(paints)])
 
 
 def _shaded(colour: Colour, by: float) -> Colour:
@@ -139,7 +137,7 @@ def _wall(begin: Point2, end: Point2, z: Span, colour: Colour, *, emissive: bool
     return Quad([(x0, y0, z[0]), (x1, y1, z[0]), (x1, y1, z[1]), (x0, y0, z[1])], colour, emissive)
 
 
-def _house(item: Any) -> list[Part]:
+def _house(item: SceneryItem) -> list[Part]:
     """Walls in segments with windows, and a gabled or flat roof along the longer side."""
     half_l, half_w = item.length_m / 2, item.width_m / 2
     rng = np.random.default_rng(item.seed)
@@ -199,7 +197,7 @@ def _gable(half_l: float, half_w: float, eaves: float, top: float, roof: Colour,
     return [Quad(left, roof), Quad(right, roof), Quad(front, wall), Quad(back, wall)]
 
 
-def _tree(item: Any) -> list[Part]:
+def _tree(item: SceneryItem) -> list[Part]:
     """A trunk, and a crown of two frusta: round, or pointed as of a conifer."""
     rng = np.random.default_rng(item.seed)
     crown = _shaded(_colour(item), float(rng.uniform(0.85, 1.12)))
@@ -221,10 +219,10 @@ def _tree(item: Any) -> list[Part]:
     return [((0.0, 0.0), trunk + lower + upper, trunk[:4] + plain)]
 
 
-def _barrier_of(colour_of: Callable[[Colour, float], Colour]) -> Callable[[Any], list[Part]]:
+def _barrier_of(colour_of: Callable[[Colour, float], Colour]) -> Callable[[SceneryItem], list[Part]]:
     """A builder of long boxes in segments, without the inner ends."""
 
-    def build(item: Any) -> list[Part]:
+    def build(item: SceneryItem) -> list[Part]:
         rng = np.random.default_rng(item.seed)
         half = item.width_m / 2
         pieces = _pieces(item.length_m, SEGMENT_M)
@@ -239,7 +237,7 @@ def _barrier_of(colour_of: Callable[[Colour, float], Colour]) -> Callable[[Any],
     return build
 
 
-def _hill(item: Any) -> list[Part]:
+def _hill(item: SceneryItem) -> list[Part]:
     """A ridge with two slopes, whose crest rises and falls along its length."""
     rng = np.random.default_rng(item.seed)
     colour = _colour(item)
@@ -258,15 +256,15 @@ def _hill(item: Any) -> list[Part]:
     return parts
 
 
-def _pole(item: Any) -> list[Part]:
-    """A lamp post: a pole with an arm to its front."""
+def _pole(item: SceneryItem) -> list[Part]:
+    """A lamp post: a pole with an arm to its left, where the road is."""
     half = min(0.12, max(0.05, item.width_m / 2))
-    pole = box((-half, half), (-half, half), (0.0, item.height_m), POST)[:4]
-    arm = box((0.0, 1.5), (-0.06, 0.06), (item.height_m - 0.15, item.height_m), POST)
+    pole = box((-half, half), (-half, half), (0.0, item.height_m), _colour(item))[:4]
+    arm = box((-0.06, 0.06), (0.0, 1.5), (item.height_m - 0.15, item.height_m), _colour(item))
     return [((0.0, 0.0), pole + arm, pole)]
 
 
-BUILDERS: dict[str, Callable[[Any], list[Part]]] = {
+BUILDERS: dict[str, Callable[[SceneryItem], list[Part]]] = {
     'house': _house,
     'tree': _tree,
     'wall': _barrier_of(lambda colour, _roll: colour),

@@ -38,7 +38,7 @@ class Things:
     corners_m: (Q, 4, 3). normals, colours: (Q, 3). emissive: (Q,) bool. number: (Q,) of the thing whose visibility the
     quad counts for, 0 for none. rows: (K,) what the numbers 1..K stand for: a row of `World.actors`, or behind those
     the lights and then the stop signs of the ego. place_m: (N, 2). radius_m: (N,). first, count: (N,) quads of each
-    thing. distance_m, quad_place_m: (Q,) and (Q, 2) of the quad's thing.
+    thing. counted: (N,) bool, which things have a number. distance_m, quad_place_m: (Q,), (Q, 2) of a quad's thing.
     """
 
     corners_m: Float64
@@ -51,6 +51,7 @@ class Things:
     radius_m: Float64
     first: Ints
     count: Ints
+    counted: NDArray[np.bool_]
     distance_m: Float64
     quad_place_m: Float64
 
@@ -97,13 +98,13 @@ def things_in_sight(world: World, pose: Pose, scenery: Scenery, *, night: bool, 
         return None
     moving = _placed(shapes, local[within])
     standing = _turned(around, pose, from_map)
-    number = np.zeros(len(moving.paint) + len(standing.paint), np.int64)
-    number[: len(moving.paint)] = np.repeat(numbers[within], moving.count)
+    number = np.zeros(len(moving) + len(standing), np.int64)
+    number[: len(moving)] = numbers[within]
     return _ordered(moving.and_also(standing), number, rows)
 
 
 def _ordered(quads: PlacedQuads, number: Ints, rows: Ints) -> Things:
-    """Things from far to near. number: (Q,) of the thing that each quad belongs to, 0 for none."""
+    """Things from far to near. number: (N,) of each thing, 0 for none."""
     distance = np.hypot(quads.place_m[:, 0], quads.place_m[:, 1])
     order = np.argsort(-distance, kind='stable')
     part = np.repeat(np.arange(len(quads)), quads.count)
@@ -113,12 +114,13 @@ def _ordered(quads: PlacedQuads, number: Ints, rows: Ints) -> Things:
         normals=quads.vectors[:, NORMAL],
         colours=paint[:, COLOUR],
         emissive=paint[:, EMISSIVE] > 0.0,
-        number=number * paint[:, COUNTED].astype(np.int64),
+        number=number[part] * paint[:, COUNTED].astype(np.int64),
         rows=rows,
         place_m=quads.place_m[order],
         radius_m=quads.radius_m[order],
         first=(np.cumsum(quads.count) - quads.count)[order],
         count=quads.count[order],
+        counted=number[order] > 0,
         distance_m=distance[part],
         quad_place_m=quads.place_m[part],
     )

@@ -21,8 +21,9 @@ from raw2drive_ros.simulation.weather import Weather
 
 SUN_AZIMUTH_RAD = math.atan2(0.25, 0.35)
 MOUNTING_SIGMA_RAD, MOUNTING_SIGMA_M = math.radians(0.3), 0.01
-# Streaks of rain: length as a share of the image width, slant, and brightness as a share of the sky's.
-STREAK_LENGTH, STREAK_SLANT, STREAK_LIGHT = 0.07, 0.15, 0.25
+# Streaks of rain: length as a share of the image width, slant, brightness as a share of the sky's, and grey levels that
+# the ego's lamps add at night.
+STREAK_LENGTH, STREAK_SLANT, STREAK_LIGHT, STREAK_LIT = 0.07, 0.15, 0.28, 56.0
 # The tile of noise and rain is wider than an image by this, and twice as high as the stack of images.
 TILE_MARGIN_PX = 64
 # Part of the seed: keeps the generator of the images apart from the one that draws the route.
@@ -125,7 +126,8 @@ class ImageEffects:
         count = round(weather.rain * rows * columns / length)
         starts = rng.uniform((0.0, 0.0), (columns, rows), (count, 2))
         falls = rng.uniform(0.5, 1.5, (count, 1)) * length * np.array([STREAK_SLANT, 1.0])
-        light = STREAK_LIGHT * sum(weather.sky_horizon) / 3.0 * rng.uniform(0.5, 1.0, count)
+        brightest = STREAK_LIGHT * sum(weather.sky_horizon) / 3.0 + STREAK_LIT * weather.headlights
+        light = brightest * rng.uniform(0.5, 1.0, count)
         for line, grey in zip(np.rint(np.stack([starts, starts + falls], 1)).astype(np.int32), light, strict=True):
             cv2.line(tile, line[0].tolist(), line[1].tolist(), float(grey), 1, cv2.LINE_AA)
         return cv2.cvtColor(tile, cv2.COLOR_GRAY2RGB)

@@ -18,7 +18,6 @@ The law. An actor is seen in a tick when at least one camera shows enough of it:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,18 +42,9 @@ THRESHOLDS_PX = {
     'cone': VEHICLE_PX,
     'door': VEHICLE_PX,
 }
-RAIN_LOSS = 10.0
+RAIN_LOSS = 6.0
 LIT_AT_NIGHT = 0.8
 MEMORY_S = 2.0
-
-
-@dataclass(slots=True)
-class _Sight:
-    """actor: kept, so that its identity stays its own. seen_s: simulated time at which it was seen last."""
-
-    actor: Actor
-    pixels: Counts
-    seen_s: float
 
 
 class Visibility:
@@ -67,7 +57,13 @@ class Visibility:
         self.weather, self.cameras = weather, cameras
         self.scale = image_px / THRESHOLD_IMAGE_PX
         self.now_s = 0.0
-        self._sights: dict[int, _Sight] = {}
+        # The actors of the last update, kept so that their identities stay their own, and arrays over them.
+        self._actors: list[Actor] = []
+        self._row: dict[int, int] = {}
+        self._counts: Counts = np.zeros((0, cameras), np.int32)
+        self._seen_s: Float64 = np.zeros(0)
+        self._needed_px: Float64 = np.zeros(0)
+        self._lit: NDArray[np.bool_] = np.zeros(0, bool)
         self._signals_seen_s: Float64 = np.zeros(0)
         self._lights = 0
 
@@ -85,26 +81,23 @@ class Visibility:
                 f'{len(actors)} actors, {signals} lights and signs and {self.cameras} cameras'
             )
         self.now_s = world.time_s
-        seen = self._seen(world, counts)
-        before = self._sights
-        # Actors that have left the world are forgotten.
-        self._sights = {}
-        for actor, pixels, is_seen in zip(actors, counts.astype(np.int32), seen.tolist(), strict=True):
-            key = _key(actor)
-            known = before.get(key)
-            last_s = self.now_s if is_seen else -math.inf if known is None else known.seen_s
-            self._sights[key] = _Sight(actor, pixels, last_s)
+        if actors != self._actors:
+            self._meet(actors)
+        self._counts = counts.astype(np.int32)
+        if actors:
+            clear = self.clearness(_in_ego_frame(world, world.history[0][1][:, :2]), self._lit)
+            self._seen_s[self._counts.max(axis=1) * clear >= self._needed_px] = self.now_s
         self._update_signals(world, signal_counts)
 
     def pixels(self, actor: Actor) -> Counts:
         """(cameras,) pixels that show the actor; zeros for one that was not there at the last update."""
-        sight = self._sights.get(_key(actor))
-        return np.zeros(self.cameras, np.int32) if sight is None else sight.pixels.copy()
+        row = self._row.get(_key(actor))
+        return np.zeros(self.cameras, np.int32) if row is None else self._counts[row].copy()
 
     def seconds_since_seen(self, actor: Actor) -> float:
         """0.0 while the actor is seen; infinite if it never was."""
-        sight = self._sights.get(_key(actor))
-        return math.inf if sight is None else self.now_s - sight.seen_s
+        row = self._row.get(_key(actor))
+        return math.inf if row is None else self.now_s - float(self._seen_s[row])
 
     def rows(self, world: World, within_s: float = MEMORY_S) -> NDArray[np.bool_]:
         """(len(world.actors),) bool: which actors were seen within the last `within_s`."""
@@ -128,17 +121,15 @@ class Visibility:
 
     # -- the law ----------------------------------------------------------------------------------
 
-    def _seen(self, world: World, counts: NDArray[np.integer]) -> NDArray[np.bool_]:
-        """(actors,) bool: what is seen now."""
-        actors = world.actors
-        if not actors:
-            return np.zeros(0, bool)
-        places = np.array([actor.position for actor in actors])
-        lit = np.array([isinstance(actor, PathVehicle) and actor.kind != 'cyclist' for actor in actors])
-        needed = np.array([THRESHOLDS_PX.get(actor.kind, VEHICLE_PX) for actor in actors])
-        clear = self.clearness(_in_ego_frame(world, places), lit)
-        enough: NDArray[np.bool_] = counts.max(axis=1, initial=0) * clear >= needed * self.scale
-        return enough
+    def _meet(self, actors: list[Actor]) -> None:
+        """Make the arrays those of `actors`. Actors that have left the world are forgotten."""
+        before, seen_s = self._row, self._seen_s
+        keys = [_key(actor) for actor in actors]
+        self._actors = list(actors)
+        self._row = {key: row for row, key in enumerate(keys)}
+        self._seen_s = np.array([seen_s[before[key]] if key in before else -math.inf for key in keys])
+        self._needed_px = self.scale * np.array([THRESHOLDS_PX.get(actor.kind, VEHICLE_PX) for actor in actors])
+        self._lit = np.array([isinstance(a, PathVehicle) and a.kind != 'cyclist' for a in actors], bool)
 
     def clearness(self, ego_xy: Float64, lit: NDArray[np.bool_]) -> Float64:
         """(N,) share of pixels that the weather leaves of things at (N, 2) points in the ego frame.

@@ -60,9 +60,9 @@ _CONDITIONS = {
     'Cloudy': {'light': 0.85, 'sun': 0.25, **_GREY},
     'Wet': {'wet': 0.6},
     'WetCloudy': {'light': 0.82, 'sun': 0.25, 'wet': 0.6, **_GREY},
-    'SoftRain': {'light': 0.78, 'sun': 0.2, 'wet': 0.7, 'rain': 0.004, 'fog_m': 250.0, 'noise': 1.5, **_GREY},
-    'MidRain': {'light': 0.7, 'sun': 0.1, 'wet': 0.85, 'rain': 0.010, 'fog_m': 140.0, 'noise': 2.5, **_GREY},
-    'HardRain': {'light': 0.62, 'sun': 0.0, 'wet': 1.0, 'rain': 0.020, 'fog_m': 80.0, 'noise': 4.0, **_GREY},
+    'SoftRain': {'light': 0.78, 'sun': 0.2, 'wet': 0.7, 'rain': 0.008, 'fog_m': 250.0, 'noise': 1.5, **_GREY},
+    'MidRain': {'light': 0.7, 'sun': 0.1, 'wet': 0.85, 'rain': 0.018, 'fog_m': 140.0, 'noise': 2.5, **_GREY},
+    'HardRain': {'light': 0.62, 'sun': 0.0, 'wet': 1.0, 'rain': 0.034, 'fog_m': 80.0, 'noise': 4.0, **_GREY},
 }
 
 

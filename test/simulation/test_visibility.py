@@ -116,6 +116,7 @@ def test_rain_hides_a_part(road) -> None:
 def test_the_threshold_grows_with_the_image(road) -> None:
     car = standing(road, 20.0, 0.0, 'car')
     road.world.actors = [car]
+    road.world.refresh()
     counts, none = np.zeros((1, 6), np.int32), np.zeros((0, 6), np.int32)
     counts[0, 2] = VEHICLE_PX
     for factor, expected in ((1, [True]), (2, [False])):
@@ -128,6 +129,7 @@ def test_memory_counts_from_when_it_was_seen_last(road) -> None:
     world = road.world
     car = standing(road, 20.0, 0.0, 'car')
     world.actors = [car]
+    world.refresh()
     seen = Visibility(WEATHERS['ClearNoon'])
     none = np.zeros((0, 6), np.int32)
     for time_s, pixels in ((0.0, 0), (0.1, 20), (1.1, 0), (2.1, 0), (2.2, 0)):
@@ -140,6 +142,7 @@ def test_memory_counts_from_when_it_was_seen_last(road) -> None:
             assert seen.rows(world, MEMORY_S + 1e-6).tolist() == [True]
     assert seen.rows(world).tolist() == [False]
     world.actors = []
+    world.refresh()
     seen.update(world, np.zeros((0, 6)), none)
     assert seen.seconds_since_seen(car) == math.inf
 
@@ -149,6 +152,7 @@ def test_actors_with_a_number_are_told_apart_by_it(road) -> None:
     car, other = standing(road, 20.0, 0.0, 'car'), standing(road, 30.0, 0.0, 'car')
     car.number, other.number = 7, 8
     world.actors = [car, other]
+    world.refresh()
     seen = Visibility(WEATHERS['ClearNoon'])
     seen.update(world, np.array([[50] + [0] * 5, [0] * 6]), np.zeros((0, 6)))
     copy = standing(road, 20.0, 0.0, 'car')
@@ -160,6 +164,7 @@ def test_actors_with_a_number_are_told_apart_by_it(road) -> None:
 def test_counts_of_another_shape_are_refused(road) -> None:
     with pytest.raises(ValueError, match='1 actors'):
         road.world.actors = [standing(road, 20.0, 0.0, 'car')]
+        road.world.refresh()
         Visibility(WEATHERS['ClearNoon']).update(road.world, np.zeros((2, 6)), np.zeros((0, 6)))
 
 

@@ -233,3 +233,18 @@ def test_parts_of_a_variation(env, change_of, expected) -> None:
         assert np.array_equal(varied[:40], plain[:40])
     else:
         assert varied[70:].max() < 0.85 * plain[70:].max()
+
+
+@pytest.mark.parametrize('name', [name for name in WEATHER_NAMES if 'Rain' in name])
+def test_rain_is_seen(env, name) -> None:
+    """Streaks stand out, and they fall: the next picture has others."""
+    rainy = get_weather(name)
+    pictures = []
+    for rain in (rainy.rain, 0.0):
+        env.renderer.new_world(env.world, replace(rainy, rain=rain))
+        pictures.append([env.renderer.render()['front'].astype(int) for _ in range(2)])
+    (first, second), (dry, _) = pictures
+    # The noise falls alike in both pictures.
+    streaks = (first - dry).min(axis=2) > 10
+    assert streaks.mean() > 0.3 * rainy.rain
+    assert (second - first).max() > 10
