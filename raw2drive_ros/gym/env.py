@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import gymnasium
@@ -46,7 +46,7 @@ class Raw2DriveEnv(gymnasium.Env[Observation, Any]):
     Raises UnknownSuiteError, UnknownScenarioError, UnknownWeatherError, ValueError and gymnasium.error.Error.
     """
 
-    metadata = {'render_modes': list(RENDER_MODES), 'render_fps': DECISION_HZ}
+    metadata: ClassVar[dict[str, Any]] = {'render_modes': list(RENDER_MODES), 'render_fps': DECISION_HZ}
 
     def __init__(
         self,
