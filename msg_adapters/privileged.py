@@ -37,7 +37,9 @@ _TERM_PREFIX = 'reward/'
 
 def bev_to_message(factory: MessageFactory, bev: NDArray[np.bool_], time_ns: int) -> Any:
     """(C, H, W) masks as one bit each; `format` names the shape and the packing."""
-    packed = np.packbits(bev.reshape(bev.shape[0], -1), axis=1)
+    # Per channel; where channels are whole bytes that is the same as all at once, which is faster.
+    whole = bev[0].size % 8 == 0
+    packed = np.packbits(bev) if whole else np.packbits(bev.reshape(bev.shape[0], -1), axis=1)
     message = factory.new('sensor_msgs/msg/CompressedImage')
     set_stamp(message.header.stamp, time_ns)
     message.header.frame_id = BASE_FRAME

@@ -49,6 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--seed', type=int, default=0, help='0 or more; another one draws other training routes')
     parser.add_argument('--weather', default=CLEAR, help='a weather preset, or cycle: one of all presets every episode')
+    parser.add_argument(
+        '--twins',
+        type=float,
+        default=1.0 / 3.0,
+        help='share of twins, in which nothing happens, of types that have one',
+    )
     parser.add_argument('--vary', action='store_true', help='vary camera, mounting, paint and sun between episodes')
     parser.add_argument('--size', default='96x160', help='camera images: 96x160, 224x400 or 64x96')
     parser.add_argument('--no-cameras', action='store_true', help='leave the images out (stage 1 does not need them)')
@@ -62,9 +68,9 @@ def run(options: argparse.Namespace) -> int:
     from raw2drive_ros.evaluation.collect import CollectConfig, collect
     from raw2drive_ros.evaluation.driver_spec import DriverSpec
     from raw2drive_ros.evaluation.drivers import make_driver
+    from raw2drive_ros.evaluation.expert import ExpertDriver
     from raw2drive_ros.evaluation.routes import weighted_types
     from raw2drive_ros.evaluation.table_actions import AdvisedDriver, through_table
-    from raw2drive_ros.evaluation.world_drivers import expert_driver
     from raw2drive_ros.progress import bar
     from raw2drive_ros.simulation.camera_rig import SIZES
 
@@ -77,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     if options.table:
         driver = through_table(options.driver, driver, options.noise)
     if options.advice and not (options.table and options.driver == 'expert'):
-        driver = AdvisedDriver(driver, expert_driver(coarse=True), options.advice_every)
+        driver = AdvisedDriver(driver, ExpertDriver(), options.advice_every)
     config = CollectConfig(
         scenarios,
         options.ticks,
@@ -88,6 +94,7 @@ def run(options: argparse.Namespace) -> int:
         image_size=SIZES[options.size],
         weathers=WEATHER_NAMES if options.weather == 'cycle' else (get_weather(options.weather).name,),
         vary=options.vary,
+        twins=options.twins,
     )
     metadata = {
         'driver': options.driver,
@@ -121,6 +128,8 @@ def _check(options: argparse.Namespace) -> None:
     at_least(options, ASKED_TICKS, 'advice_every')
     if not 0.0 <= options.noise <= 1.0:
         raise UsageError(f'--noise {options.noise:g}: a chance per tick, from 0 to 1')
+    if not 0.0 <= options.twins <= 1.0:
+        raise UsageError(f'--twins {options.twins:g}: a share, from 0 to 1')
     if options.size not in SIZES:
         raise UsageError(f'--size {options.size}: use one of {", ".join(SIZES)}')
     refuse_for_drivers(options, options.driver)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from raw2drive_ros.cli.deprecation import warn_old
 from raw2drive_ros.cli.driver_options import refuse_for_drivers
 from raw2drive_ros.cli.parser import at_least, note, refuse
-from raw2drive_ros.cli.route_options import add_route_arguments, chosen_limits, chosen_routes
+from raw2drive_ros.cli.route_options import add_route_arguments, chosen_limits, chosen_references, chosen_routes
 from raw2drive_ros.evaluation.drivers import CLASS_MARK, driver_entry, driver_help, driver_list
+from raw2drive_ros.simulation.protocol import BENCH2DRIVE, PAIRS, PROTOCOLS
 
 if TYPE_CHECKING:
     from raw2drive_ros.evaluation.driver_spec import DriverSpec
@@ -25,6 +26,7 @@ EXAMPLES = """examples:
   raw2drive evaluate --driver rule --suite dev10 --graph                              as ROS processes
   raw2drive evaluate faults --seeds 3                                                 what if something breaks?
   raw2drive evaluate --driver privileged --run runs/stage1 --routes lane-following
+  raw2drive evaluate --driver rule --suite b2d220 --protocol bench2drive              events alone, loose limits
   raw2drive evaluate --driver my_driver:MyDriver --driver-args gain=0.5 --suite dev10  a class, see docs/gym.md
 
 Then compare: raw2drive report runs/expert.jsonl runs/rule.jsonl --out report.html
@@ -51,6 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help="turn commands into the policy's 39 actions (what can be imitated at best?)",
     )
+    parser.add_argument(
+        '--protocol',
+        choices=PROTOCOLS,
+        default=PAIRS,
+        help="pairs of drives within the suite's limits of time, or single drives within Bench2Drive's",
+    )
     parser.add_argument('--faults', metavar='PLANS', help=argparse.SUPPRESS)
     parser.add_argument(
         '--bench2drive-compat', action='store_true', help='efficiency and comfort as Bench2Drive computes them'
@@ -67,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
     import cv2
 
     from raw2drive_ros.cli.table import print_results
+    from raw2drive_ros.contracts.errors import UsageError
     from raw2drive_ros.evaluation.driver_spec import DriverSpec
     from raw2drive_ros.evaluation.evaluate import EvaluationInterrupted
     from raw2drive_ros.settings import default_bundle
@@ -79,6 +88,10 @@ def run(options: argparse.Namespace) -> int:
         options.bench2drive_compat = True
     _check(options)
     suite, version, routes = chosen_routes(options)
+    if options.protocol == BENCH2DRIVE:
+        routes = [route for route in routes if not route.twin]
+        if not routes:
+            raise UsageError(f'{suite} has twins alone, which --protocol {BENCH2DRIVE} does not drive')
     bundle = options.bundle or default_bundle()
     spec = DriverSpec(
         options.driver,
@@ -124,6 +137,8 @@ def _drive(
         observe=observe,
         filmstrips=filmstrips,
         limits_s=chosen_limits(options, routes),
+        references_s=chosen_references(options, routes),
+        protocol=options.protocol,
     )
     with bar('evaluating', len(routes), 'routes') as advance:
 

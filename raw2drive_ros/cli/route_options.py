@@ -70,3 +70,15 @@ def chosen_limits(options: argparse.Namespace, routes: list[RouteId]) -> dict[Ro
     from raw2drive_ros.evaluation.suites import load_suite
 
     return {} if options.suite is None else load_suite(options.suite).limits_s(routes)
+
+
+def chosen_references(options: argparse.Namespace, routes: list[RouteId]) -> dict[RouteId, float]:
+    """The times (s) of the driver that the suite's limits were set from; nothing without one. Raises
+    UnknownSuiteError."""
+    from raw2drive_ros.evaluation.suites import load_suite
+
+    if options.suite is None:
+        return {}
+    suite = load_suite(options.suite)
+    found = {route: suite.reference_s(route) for route in routes}
+    return {route: seconds for route, seconds in found.items() if seconds is not None}

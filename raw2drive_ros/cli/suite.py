@@ -124,11 +124,10 @@ def _show(options: argparse.Namespace) -> int:
     columns = ('type', 'seed', 'weather', 'abilities', 'drive', 'limit s')
     for column in columns:
         add_column(table, column, right=column in ('seed', 'limit s'))
-    for route in routes:
-        abilities = ', '.join(route['abilities']) or '-'
-        drive, limit = 'twin' if route['twin'] else 'event', route['limit_s']
-        shown = '-' if limit is None else f'{limit:.1f}'
-        table.add_row(route['type'], str(route['seed']), route['weather'], abilities, drive, shown)
+    for r in suite.routes:
+        abilities, limit_s = ', '.join(known[r.type].abilities) or '-', suite.limit_s(r)
+        drive, shown = 'twin' if r.twin else 'event', '-' if limit_s is None else f'{limit_s:.1f}'
+        table.add_row(r.type, str(r.seed), r.weather, abilities, drive, shown)
     wide_console().print(table)
     print(f'drive them: raw2drive evaluate --suite {options.name}')
     return 0

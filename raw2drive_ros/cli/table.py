@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 # Wide enough for a row of any table: what is piped is read by programs, or by people in an editor.
 PIPED_COLUMNS = 1000
+# Printed where there are pairs of drives.
+PAIR_SCORES = ('pair_success_rate', 'event_success_rate', 'twin_success_rate', 'needless_stops', 'time_lost_s')
 
 
 def wide_console() -> Console:
@@ -48,9 +50,11 @@ def print_results(result: dict[str, Any]) -> None:
         )
     console.print(table)
     summary = result['summary']
-    for name in ('driving_score', 'success_rate', 'route_completion', 'efficiency', 'comfort'):
+    for name in (*PAIR_SCORES, 'driving_score', 'success_rate', 'route_completion', 'efficiency', 'comfort'):
         value = summary[name]
         title = name.replace('_', ' ')
+        if value is None and name in PAIR_SCORES:
+            continue
         if value is None:
             console.print(f'{title}: undefined on every route')
             continue

@@ -1,12 +1,14 @@
 """Chooses, type by type, how each sightless driver drives best on training routes, under the limits of the rule.
 
-A way of driving is tried on one pair after another, a drive ends when it has failed, a second drive of a pair is
-skipped when the first is lost, and a way is dropped once it can no longer win more pairs than the best so far.
+A drive ends when it has failed, a second drive of a pair is skipped when the first is lost, and a profile that differs
+from a known one only after the place where that one failed is not driven. All ways are tried on `SCREENED` pairs; the
+`KEPT` best of them on the others too, each until it can no longer win more than the best so far.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -28,7 +30,10 @@ from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.world import World
 
 PAIRS = 5
-REFINEMENTS = 60
+SCREENED, KEPT = 2, 12
+REFINEMENTS = 40
+# Profiles brake for a stop no earlier than with this deceleration (`following.stopping`), and some room.
+SOFTEST_BRAKING_MPS2, ROOM_M = 1.2, 8.0
 
 
 @dataclass(slots=True)
@@ -50,6 +55,8 @@ class Trials:
     def __init__(self, env: DrivingEnv, courses: Sequence[Course], memories: Sequence[Recorded] = ()) -> None:
         self.env, self.courses, self.memories = env, courses, memories
         self.known: dict[tuple[Way, RouteId], bool] = {}
+        # Arc length at which a profile without stops and slow stretches failed.
+        self.failed_s_m: dict[tuple[Profile, RouteId], float] = {}
 
     def wins(self, way: Way, number: int) -> tuple[bool, bool]:
         """(all drives of course `number`, the first of them) won. Ways that the limits rule out are not driven."""
@@ -59,41 +66,79 @@ class Trials:
             return False, False
         first = False
         for place, (route, limit_s) in enumerate(zip(course.drives, course.limits_s, strict=True)):
-            if not self._won(way, route, limit_s):
+            if not self._won(way, route, limit_s, course.world):
                 return False, first
             first = first or place == 0
         return True, True
 
-    def _won(self, way: Way, route: RouteId, limit_s: float | None) -> bool:
+    def _won(self, way: Way, route: RouteId, limit_s: float | None, world: World) -> bool:
         key = (way, route)
         if key not in self.known:
-            self.known[key] = quick_drive(self.env, decider(way, self.memories), route, limit_s).success
+            if isinstance(way, Profile) and self._fails_as_before(way, route, world):
+                self.known[key] = False
+                return False
+            verdict = quick_drive(self.env, decider(way, self.memories), route, limit_s)
+            self.known[key] = verdict.success
+            if isinstance(way, Profile) and not verdict.success and way == _plain(way):
+                self.failed_s_m[way, route] = verdict.s_m
         return self.known[key]
+
+    def _fails_as_before(self, way: Profile, route: RouteId, world: World) -> bool:
+        """Whether the profile without its stops and slow stretch failed before it would have to brake for them."""
+        failed_s_m = self.failed_s_m.get((_plain(way), route))
+        return failed_s_m is not None and failed_s_m < differs_s_m(way, world)
 
 
 def search(family: str, trials: Trials) -> Choice:
     """The way of a family that wins most courses; of equals the one that wins most events, then the first."""
-    best: Way | None = None
+    ways = list(dict.fromkeys(FAMILIES[family].ways()))
+    if len(trials.courses) > SCREENED and len(ways) > KEPT:
+        ways = _screened(trials, ways)
+    best: Way = ways[0]
     score = (-1, -1)
-    for way in FAMILIES[family].ways():
+    for way in ways:
         tried = _score(trials, way, score[0])
-        if tried is not None and tried > score:
+        if tried > score:
             best, score = way, tried
         if score[0] == len(trials.courses):
             break
-    assert best is not None
     if FAMILIES[family].refined and isinstance(best, Profile):
         best, score = _refine(trials, best, score)
     return Choice(family, best, max(score[0], 0), len(trials.courses))
 
 
-def _score(trials: Trials, way: Way, most: int) -> tuple[int, int] | None:
-    """(courses, events) won; None once it is clear that no more courses than `most` are."""
+def _screened(trials: Trials, ways: Sequence[Way]) -> list[Way]:
+    """The ways that do best on the first courses, best first; one that wins all courses is enough."""
+    scores = []
+    for number, way in enumerate(ways):
+        score = _score(trials, way, -1, SCREENED)
+        if score[0] == SCREENED and _score(trials, way, -1)[0] == len(trials.courses):
+            return [way]
+        scores.append((*score, -number))
+    return [ways[-last] for *_, last in sorted(scores, reverse=True)[:KEPT]]
+
+
+def _plain(profile: Profile) -> Profile:
+    return dataclasses.replace(profile, stops=(), slow=None)
+
+
+def differs_s_m(profile: Profile, world: World) -> float:
+    """Arc length up to which a profile drives as it would without its stops and its slow stretch."""
+    start, goal = world.scene.route.start_s_m, world.goal_s_m
+    shares = [stop.at for stop in profile.stops] + ([] if profile.slow is None else [profile.slow[0]])
+    if not shares:
+        return -math.inf
+    speed = min(profile.speed_mps, profile.share * float(world.speed_limits.max()))
+    return start + min(shares) * (goal - start) - speed * speed / (2.0 * SOFTEST_BRAKING_MPS2) - ROOM_M
+
+
+def _score(trials: Trials, way: Way, most: int, courses: int | None = None) -> tuple[int, int]:
+    """(courses, events) won of the first `courses`; (-1, -1) once it is clear that no more than `most` are."""
     won = events = 0
-    for number in range(len(trials.courses)):
-        left = len(trials.courses) - number
-        if most > 0 and won + left <= most:
-            return None
+    count = len(trials.courses) if courses is None else courses
+    for number in range(count):
+        if most > 0 and won + count - number <= most:
+            return -1, -1
         whole, first = trials.wins(way, number)
         won, events = won + whole, events + first
     return won, events
@@ -107,7 +152,7 @@ def _refine(trials: Trials, best: Profile, score: tuple[int, int]) -> tuple[Prof
             break
         way = changed(best, rng)
         tried = _score(trials, way, score[0])
-        if tried is not None and tried > score:
+        if tried > score:
             best, score = way, tried
     return best, score
 

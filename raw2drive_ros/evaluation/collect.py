@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +23,14 @@ from raw2drive_ros.recording.bag_writer import BagWriter
 from raw2drive_ros.simulation.draws import TRAIN_SEED_START
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
 from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.simulation.scenario import REGISTRY, load_scenarios
 from raw2drive_ros.simulation.weather import CLEAR
 
 # Number of route seeds reserved for each collection.
 SEEDS_PER_COLLECTION = 10_000
 STANDING_MPS = 0.1
-# Scenario types and weathers are drawn from separate generators, seeded with these.
-TYPE_STREAM, WEATHER_STREAM = 1, 2
+# Scenario types, weathers and twins are drawn from separate generators, seeded with these.
+TYPE_STREAM, WEATHER_STREAM, TWIN_STREAM = 1, 2, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,8 @@ class CollectConfig:
     """ticks: decision ticks to write in all. episode_ticks: an episode is cut after this many. stand_ticks: and after
     this many without motion (0: never), because a driver that is stuck fills bags with one frame. image_size: (H, W).
     scenarios, weathers: one of each per episode, see `episode_route`; an entry listed twice is drawn twice as often.
-    seed: of the collection, 0 or more (ValueError). vary: see `SimulationConfig`."""
+    seed: of the collection, 0 or more (ValueError). vary: see `SimulationConfig`. twins: share of the episodes of types
+    that have a twin in which the twin is driven, where nothing happens."""
 
     scenarios: tuple[str, ...]
     ticks: int
@@ -48,24 +51,42 @@ class CollectConfig:
     image_size: tuple[int, int] = (96, 160)
     weathers: tuple[str, ...] = (CLEAR,)
     vary: bool = False
+    twins: float = 1.0 / 3.0
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             # Route seeds below `TRAIN_SEED_START` are those of evaluation and validation.
             raise ValueError(f'CollectConfig: seed {self.seed}: give 0 or more')
+        if not 0.0 <= self.twins <= 1.0:
+            raise ValueError(f'CollectConfig: twins {self.twins}: a share, from 0 to 1')
 
 
 def episode_route(config: CollectConfig, number: int) -> RouteId:
     """The route of episode `number` (from 0 on) of a collection; depends on nothing else that was driven.
 
     Scenario types and weathers are two independent sequences. Each concatenates random permutations of its list, so
-    that every entry occurs equally often and the weather does not depend on the type.
+    that every entry occurs equally often and the weather does not depend on the type. Whether it is a twin is a
+    third, independent draw.
     """
+    kind = _permuted(config.scenarios, config.seed, TYPE_STREAM, number)
+    drawn = np.random.default_rng([config.seed, TWIN_STREAM, number]).random()
     return RouteId(
-        _permuted(config.scenarios, config.seed, TYPE_STREAM, number),
+        kind,
         TRAIN_SEED_START + SEEDS_PER_COLLECTION * config.seed + number,
         _permuted(config.weathers, config.seed, WEATHER_STREAM, number),
+        twin=bool(drawn < config.twins) and _paired(kind),
     )
+
+
+def _paired(kind: str) -> bool:
+    """Whether a type has a twin; an unknown type has none, and is refused where it is driven."""
+    _load_once()
+    return kind in REGISTRY and REGISTRY[kind].paired
+
+
+@cache
+def _load_once() -> None:
+    load_scenarios()
 
 
 def _permuted(names: Sequence[str], seed: int, stream: int, number: int) -> str:

@@ -1,8 +1,8 @@
-"""Comfort of a drive: the share of segments of 20 samples (1 s at 20 Hz) that keep six limits, which are Bench2Drive's.
+"""Comfort of a drive: the share of segments of 20 samples (2 s at 10 Hz) that keep six limits, which are Bench2Drive's.
 
 Bench2Drive's tool has mistakes that lower every score, which `bench2drive_compat=True` reproduces: derivatives with a
-step of 0.1 s on 20 Hz data, the smoothed yaw rate in place of the yaw acceleration, and yaw rates in deg/s compared
-with limits in rad/s.
+step of 0.1 s on 20 Hz data, whose segments last 1 s, the smoothed yaw rate in place of the yaw acceleration, and yaw
+rates in deg/s compared with limits in rad/s.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from functools import cache
 import numpy as np
 
 from raw2drive_ros.contracts.public import Float64
-from raw2drive_ros.tables.rates import PHYSICS_HZ
+from raw2drive_ros.tables.rates import DECISION_HZ, SUBSTEPS
 
 SEGMENT = 20
 WINDOW, ORDER = 7, 2
-COMPAT_STEP_S = 0.1
+STEP_S = 1.0 / DECISION_HZ
 LONGITUDINAL_MPS2 = (-4.05, 2.40)
 LATERAL_MPS2 = 4.89
 JERK_MPS3 = 8.37
@@ -42,14 +42,17 @@ def savitzky_golay(derivative: int) -> Float64:
 def comfort_percent(motion: Float64, *, bench2drive_compat: bool = False) -> float | None:
     """Percent of whole segments inside all limits; None (undefined) for drives shorter than one.
 
-    motion: (N, 3) longitudinal and lateral acceleration (m/s2, in the vehicle's axes) and yaw rate (rad/s) at 20 Hz.
+    motion: (N, 3) longitudinal and lateral acceleration (m/s2, in the vehicle's axes) and yaw rate (rad/s) at 20 Hz,
+    of which the means over each decision step are judged.
     """
+    if not bench2drive_compat:
+        steps = len(motion) // SUBSTEPS
+        motion = np.asarray(motion[: steps * SUBSTEPS]).reshape(steps, SUBSTEPS, 3).mean(axis=1)
     count = len(motion) // SEGMENT
     if count == 0:
         return None
     segments = np.asarray(motion[: count * SEGMENT]).reshape(count, SEGMENT, 3).transpose(2, 0, 1)
-    step_s = COMPAT_STEP_S if bench2drive_compat else 1.0 / PHYSICS_HZ
-    smooth, slope = savitzky_golay(0).T, savitzky_golay(1).T / step_s
+    smooth, slope = savitzky_golay(0).T, savitzky_golay(1).T / STEP_S
     longitudinal, lateral = segments[0] @ smooth, segments[1] @ smooth
     rate = np.degrees(segments[2]) if bench2drive_compat else segments[2]
     yaw_rate = rate @ smooth

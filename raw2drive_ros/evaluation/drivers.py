@@ -62,9 +62,15 @@ def _privileged(options: DriverOptions) -> EpisodeDriver:
 
 
 def _expert(options: DriverOptions) -> EpisodeDriver:
-    from raw2drive_ros.evaluation.world_drivers import expert_driver
+    from raw2drive_ros.evaluation.expert import ExpertDriver
 
-    return expert_driver()
+    return ExpertDriver()
+
+
+def _oracle(options: DriverOptions) -> EpisodeDriver:
+    from raw2drive_ros.evaluation.world_drivers import oracle_driver
+
+    return oracle_driver()
 
 
 def _rule(options: DriverOptions) -> EpisodeDriver:
@@ -131,7 +137,8 @@ DRIVERS = {
     'privileged': DriverEntry(
         _privileged, 'the stage-1 policy on BEV masks', table=True, reads=('run', 'noise', 'threads')
     ),
-    'expert': DriverEntry(_expert, 'tries its plans out in forks of the simulation'),
+    'expert': DriverEntry(_expert, 'plans on what has been visible, without knowing the future'),
+    'oracle': DriverEntry(_oracle, 'tries its plans out in forks of the simulation: it knows the future'),
     'rule': DriverEntry(_rule, 'rules on the simulation: leaders, conflicts, lights, signs', reads=('noise',)),
     'idm': DriverEntry(_idm, 'IDM and MOBIL on the simulation'),
     'constant': DriverEntry(_constant, 'a constant speed along the route, whatever is ahead'),

@@ -54,6 +54,7 @@ def result_of(env: DrivingEnv, *, bench2drive_compat: bool = False) -> RouteResu
         efficiency=efficiency_percent(criteria.traffic_speed_percents(), bench2drive_compat=bench2drive_compat),
         comfort=comfort_percent(np.array(env.motion).reshape(-1, 3), bench2drive_compat=bench2drive_compat),
         limit_s=criteria.limit_s(env.world),
+        needless_stop_s=criteria.needless_stop_s,
     )
 
 

@@ -10,7 +10,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,6 +24,7 @@ from raw2drive_ros.evaluation.metrics import RouteResult, failed_route
 from raw2drive_ros.evaluation.results import RowsFile, filmstrip_path, header_of
 from raw2drive_ros.evaluation.statistics import summarise, timing_of
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
+from raw2drive_ros.simulation.protocol import PAIRS
 from raw2drive_ros.simulation.route_id import RouteId
 
 
@@ -52,13 +53,20 @@ class Observer(Protocol):
 class Conditions:
     """How routes are driven. bench2drive_compat: score as Bench2Drive's tools do. observe: makes the observer of a
     process. filmstrips: folder for what the observer saves of failed drives. limits_s: time limits of routes; the
-    others have their scene's own."""
+    others have their scene's own. references_s: times of the driver that the limits were set from. protocol: see
+    `simulation.protocol`."""
 
     image_size: tuple[int, int] = (96, 160)
     bench2drive_compat: bool = False
     observe: Callable[[], Observer] | None = None
     filmstrips: Path | None = None
     limits_s: Mapping[RouteId, float] = field(default_factory=dict)
+    references_s: Mapping[RouteId, float] = field(default_factory=dict)
+    protocol: str = PAIRS
+
+    def with_reference(self, result: RouteResult) -> RouteResult:
+        """A row with the reference time of its route, if there is one."""
+        return replace(result, reference_s=self.references_s.get(RouteId.parse(result.id)))
 
 
 class RouteRunner:
@@ -69,7 +77,11 @@ class RouteRunner:
         self.conditions = conditions
         self.env = DrivingEnv(
             SimulationConfig(
-                conditions.image_size, cameras=driver.needs_cameras, bev=driver.needs_bev, end_on_infraction=False
+                conditions.image_size,
+                cameras=driver.needs_cameras,
+                bev=driver.needs_bev,
+                end_on_infraction=False,
+                protocol=conditions.protocol,
             )
         )
         self.observer = conditions.observe() if conditions.observe is not None else None
@@ -138,27 +150,45 @@ def evaluate(
     driven again. Raises ResultsError as `RowsFile` does, and EvaluationInterrupted at Ctrl-C.
     """
     conditions = conditions or Conditions()
-    compat = conditions.bench2drive_compat
-    file = RowsFile(lines, header_of(spec.identity(), suite, version, routes, bench2drive_compat=compat))
+    file = RowsFile(lines, conditions_header(spec, suite, version, routes, conditions))
     tick_ms: list[float] = []
     jobs = [route for route in routes if route not in file.rows]
-    label = spec.label
-    with interruptible(label, suite, version, file, tick_ms):
+    with interruptible(spec.label, suite, version, file, tick_ms, conditions.protocol):
         for result, times in _driven(spec, conditions, jobs, workers):
             tick_ms += times
-            file.add(result)
-            on_route(len(file.rows), result)
-    return summarise(label, suite, version, routes, list(file.rows.values()), timing_of(tick_ms))
+            row = conditions.with_reference(result)
+            file.add(row)
+            on_route(len(file.rows), row)
+    rows = list(file.rows.values())
+    return summarise(spec.label, suite, version, routes, rows, timing_of(tick_ms), conditions.protocol)
+
+
+def conditions_header(
+    spec: DriverSpec, suite: str, version: str, routes: Sequence[RouteId], conditions: Conditions
+) -> dict[str, Any]:
+    """The first record of a file of results that are driven under `conditions`."""
+    return header_of(
+        spec.identity(),
+        suite,
+        version,
+        routes,
+        protocol=conditions.protocol,
+        bench2drive_compat=conditions.bench2drive_compat,
+    )
 
 
 @contextmanager
-def interruptible(name: str, suite: str, version: str, file: RowsFile, tick_ms: list[float]) -> Iterator[None]:
+def interruptible(
+    name: str, suite: str, version: str, file: RowsFile, tick_ms: list[float], protocol: str = PAIRS
+) -> Iterator[None]:
     """Turns Ctrl-C in the block into EvaluationInterrupted, with a summary of the rows that the file has by then."""
     try:
         yield
     except KeyboardInterrupt as stop:
         rows = list(file.rows.values())
-        so_far = summarise(name, suite, version, list(file.rows), rows, timing_of(tick_ms)) if rows else None
+        so_far = None
+        if rows:
+            so_far = summarise(name, suite, version, list(file.rows), rows, timing_of(tick_ms), protocol)
         raise EvaluationInterrupted(so_far) from stop
 
 

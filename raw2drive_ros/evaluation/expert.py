@@ -1,182 +1,193 @@
-"""A privileged expert without learning: it simulates several speeds and lateral offsets, and drives by the best.
+"""The expert: plans on what has been visible, and knows no future.
 
-It shows what can be solved on a route: its rollouts use a fork of the world with all triggers and intentions, which
-no driver could observe. A plan is a share of the speed limit and a lateral offset, kept for `REPLAN_TICKS` decisions;
-pure pursuit steers.
+Every decision: what was seen becomes a belief (`expert_belief.py`); others are extrapolated by their lanes
+(`expert_prediction.py`); ways along the road (`expert_options.py`) with ways to choose the speed are plans, which are
+driven in thought all at once (`expert_plans.py`); the one that is worth most (`expert_costs.py`) is driven. The
+decision says why.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from raw2drive_ros.contracts.public import Control
-from raw2drive_ros.evaluation.following import (
-    SIGHT_M,
-    idm_acceleration,
-    leader,
-    pedals,
-    pursuit_steer,
-    stop_line_m,
-    stopping,
+from raw2drive_ros.contracts.actions import nearest_action
+from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
+from raw2drive_ros.evaluation.expert_belief import Belief, Sight
+from raw2drive_ros.evaluation.expert_costs import Verdict, judge
+from raw2drive_ros.evaluation.expert_map import LaneMap, RouteFrame
+from raw2drive_ros.evaluation.expert_options import Option, options
+from raw2drive_ros.evaluation.expert_plans import CAP, LEADER, STOP, Plan, Rollouts, plans, roll_out
+from raw2drive_ros.evaluation.expert_prediction import DT_S, forecast, hypotheses
+from raw2drive_ros.evaluation.expert_rules import right_of_way
+from raw2drive_ros.evaluation.expert_sight import GeometricSight
+from raw2drive_ros.evaluation.expert_situation import (
+    AHEAD_M,
+    BEHIND_M,
+    GRID_BEHIND_M,
+    GRID_M,
+    HALF_LENGTH_M,
+    Situation,
+    Zone,
+    limits_on,
+    own_state,
+    zones,
 )
-from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
-from raw2drive_ros.simulation.criteria import LANE_TOLERANCE_M, route_deviation_m
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
+from raw2drive_ros.evaluation.following import smooth_pedals, steer_to
+from raw2drive_ros.simulation.environment import DrivingEnv, Tick
+from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.world import World
-from raw2drive_ros.tables.rates import DECISION_HZ, SUBSTEPS
+from raw2drive_ros.tables.rates import DECISION_HZ
 
-REPLAN_TICKS = 4
-HORIZON_S = 9.0
-MARGIN_M = 0.35
-HARD_BRAKING_MPS2 = -3.5
-ZONE_SIGHT_M = 14.0
-PASS_LIMIT_S = 18.0
-SPEED_SHARES = (0.95, 0.65, 0.4, 0.2, 0.0)
-OFFSETS_M = (0.0, -0.7, 0.7)
-IN_LANE_AFTER_M = 10.0
-# Beyond this distance from the route the ego counts as outside its lane.
-EDGE_M = LANE_WIDTH_M / 2 + LANE_TOLERANCE_M - 0.1
-OFF_ROAD_PENALTY = 3.0
+STEPS, LONG_DT_S = 33, 0.4
+LEAST_PUSH = 0.03
+# Standing closer behind an obstacle than this for so long, the ego reverses if nobody is this close behind it.
+ROOM_M, STUCK_TICKS, REAR_M, REVERSE_MPS = 7.2, 10, 7.0, 1.2
+# Largest change of the acceleration from one decision to the next, for comfort; harder braking is not limited.
+EASE_OFF_MPS2, PRESS_MPS2, HARD_MPS2 = 0.8, 0.4, -3.5
+LOOK_AHEAD_M, LOOK_AHEAD_S = 4.0, 0.6
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """share: of the speed limit. offset_m: to the left of the route or detour. hold: wait at the start of a detour."""
+class Expert:
+    """One episode's expert. `control(world, sight)` returns (control, why)."""
 
-    share: float
-    offset_m: float = 0.0
-    hold: bool = False
+    def __init__(self) -> None:
+        self.belief = Belief()
+        self.lanes: LaneMap | None = None
+        self.current = 'route'
+        self.acceleration = 0.0
+        self.push = SteeringPush()
+        self.backing, self.stuck_ticks = False, 0
+
+    def control(self, world: World, sight: Sight) -> tuple[Control, str]:
+        """The command for this decision, and its reason: a rule, and whom it is about."""
+        if self.lanes is None:
+            self.lanes = LaneMap(world)
+            self.limits = limits_on(world, np.arange(*_ends(world.route), GRID_M))
+        self.belief.update(world, sight)
+        situation = self._situation(world, self.lanes, long=self.current == 'pass')
+        blocked = zones(situation)
+        found = options(situation, blocked)
+        if any(option.oncoming for option in found) and situation.forecast.times_s[1] == DT_S:
+            situation = self._situation(world, self.lanes, long=True)
+        chosen = plans(situation, found)
+        driven = roll_out(situation, found, chosen, self.acceleration)
+        verdict = judge(situation, found, chosen, driven, self.current)
+        best = int(verdict.score.argmax())
+        self.current = found[chosen[best].option].family
+        wanted = float(driven.acceleration[best, 0])
+        if wanted > HARD_MPS2:
+            wanted = min(max(wanted, self.acceleration - EASE_OFF_MPS2), max(self.acceleration, 0.0) + PRESS_MPS2)
+        self.acceleration = wanted
+        if self._backs_up(situation, blocked, found, float(driven.s[best, -1])):
+            return self._reverse(world), f'make room before {blocked[0].name}'
+        control = self._command(situation, found[chosen[best].option], self.acceleration)
+        return control, reason(situation, found, chosen, driven, verdict, best)
+
+    def _situation(self, world: World, lanes: LaneMap, *, long: bool) -> Situation:
+        frame = RouteFrame(world.route, world.route_s_m, BEHIND_M, AHEAD_M)
+        s, d, slope, speed = own_state(world, frame)
+        rules = right_of_way(world, lanes, self.belief, world.front_s_m)
+        times = (LONG_DT_S if long else DT_S) * np.arange(STEPS)
+        ego = float(world.ego.position[0]), float(world.ego.position[1])
+        view = forecast(hypotheses(self.belief, lanes, rules, float(times[-1]), ego), frame, times)
+        grid = math.floor(s) - GRID_BEHIND_M + GRID_M * np.arange(round((GRID_BEHIND_M + AHEAD_M) / GRID_M))
+        start = _ends(world.route)[0]
+        index = np.minimum(np.maximum(np.rint((grid - start) / GRID_M).astype(np.int64), 0), len(self.limits) - 1)
+        return Situation(world, lanes, self.belief, rules, frame, s, d, slope, speed, grid, self.limits[index], view)
+
+    def _backs_up(self, situation: Situation, blocked: list[Zone], found: list[Option], until_m: float) -> bool:
+        """Whether the ego stands too close behind an obstacle to steer out, and has room to reverse."""
+        ways = any(option.family == 'pass' for option in found)
+        room = blocked[0].begin_m - situation.front_m if blocked else math.inf
+        stuck = ways and room < ROOM_M and until_m - situation.s < 1.5 and situation.speed < 0.3
+        going_on = self.backing and room < ROOM_M + 1.5
+        view = situation.forecast
+        rear = situation.s - HALF_LENGTH_M
+        behind = (np.abs(view.d[:, :10] - situation.d) < 2.2) & (view.s[:, :10] + view.half_s[:, :10] > rear - REAR_M)
+        behind &= view.s[:, :10] < situation.s
+        self.stuck_ticks = self.stuck_ticks + 1 if stuck else 0
+        self.backing = (going_on or self.stuck_ticks > STUCK_TICKS) and not bool(behind.any())
+        return self.backing
+
+    def _reverse(self, world: World) -> Control:
+        """Slowly backwards."""
+        self.acceleration = 0.0
+        speed = float(world.ego.speed)
+        if speed > 0.2:
+            return Control(0.0, 0.5, 0.0)
+        return Control(0.25 if speed > -REVERSE_MPS else 0.05, 0.0, 0.0, reverse=True)
+
+    def _command(self, situation: Situation, option: Option, acceleration: float) -> Control:
+        """Pedals for the acceleration, pure pursuit along the option."""
+        world = situation.world
+        ahead = situation.s + max(LOOK_AHEAD_M, LOOK_AHEAD_S * situation.speed)
+        x, y, _ = world.route.pose(ahead, float(np.interp(ahead, situation.grid, option.offset)))
+        steer = min(max(steer_to(world, x, y) - self.push.estimate(world), -1.0), 1.0)
+        return smooth_pedals(world, acceleration, steer)
+
+
+class SteeringPush:
+    """What turns the wheels besides the ego's own commands, from its wheel angle: the actuator is of first order."""
+
+    def __init__(self) -> None:
+        self.wheel = self.deviation = 0.0
+
+    def estimate(self, world: World) -> float:
+        """Disturbance of the steering command (share of full lock) over the last decision. Call it once per decision."""
+        ego = world.ego
+        keep = math.exp(-1.0 / DECISION_HZ / ego.parameters.steer_time_constant_s)
+        self.wheel = keep * self.wheel + (1.0 - keep) * ego.command.steer
+        deviation = ego.steer - self.wheel
+        push = (deviation - keep * self.deviation) / (1.0 - keep)
+        self.deviation = deviation
+        return push if abs(push) > LEAST_PUSH else 0.0
+
+
+def _ends(route: Path) -> tuple[float, float]:
+    start = getattr(route, 'start_s_m', 0.0)
+    return start, start + route.length_m
+
+
+def reason(
+    situation: Situation, found: list[Option], chosen: list[Plan], driven: Rollouts, verdict: Verdict, best: int
+) -> str:
+    """Why the best plan is what it is: 'free road', or a rule and whom it is about."""
+    plan, names = chosen[best], [h.track.name for h in situation.forecast.hypotheses]
+    parts = []
+    name = found[plan.option].name
+    if name != 'route':
+        parts.append(name)
+    if plan.brake:
+        parts.append('brake hard')
+    kind = int(driven.first[best])
+    if kind == STOP and plan.why:
+        parts.append(plan.why)
+    elif kind == LEADER:
+        parts.append(f'follow {names[int(driven.leader[best])]}')
+    elif kind == CAP:
+        parts.append('caution')
+    if plan.share < 1.0 or plan.brake:
+        # What speaks against the fastest plan on the same way.
+        fastest = next(i for i, other in enumerate(chosen) if other.option == plan.option)
+        if verdict.worst[fastest] >= 0:
+            parts.append(f'{names[int(verdict.worst[fastest])]} in the way')
+    return ', '.join(dict.fromkeys(parts)) or 'free road'
 
 
 class ExpertDriver:
-    """`control(world)` returns a `Control`; deterministic. stride: of the forks for rollouts, see `World.fork`."""
+    """The expert as a driver of episodes: reads the map, the ego's own state, and what `env.visibility` has seen."""
 
-    def __init__(self, stride: int = 1) -> None:
-        self.stride = stride
-        self.plan = Plan(SPEED_SHARES[0])
-        self.age = REPLAN_TICKS
+    needs_cameras = needs_bev = False
 
-    def control(self, world: World) -> Control:
-        self.age += 1
-        if self.age >= REPLAN_TICKS:
-            self.plan = choose(world, self.plan, self.stride)
-            self.age = 0
-        return follow(world, self.plan)
+    def reset(self, seed: int) -> None:
+        """A new episode begins; the expert itself draws nothing at random."""
+        self.expert = Expert()
+        self.sight = GeometricSight()
 
-
-def choose(world: World, current: Plan, stride: int = 1) -> Plan:
-    """The plan with the best rollout.
-
-    A detour is started only with a plan that makes nobody brake until its end; otherwise the ego and an oncoming car
-    could block each other.
-    """
-    zone = detour_zone(world)
-    before = zone is not None and world.front_s_m < zone[0]
-    if zone is not None and before and world.front_s_m > zone[0] - ZONE_SIGHT_M:
-        for share in SPEED_SHARES[:3]:
-            if roll_out(world, Plan(share), zone[1], stride)[1]:
-                return Plan(share)
-    best, best_score = Plan(0.0, hold=before), -math.inf
-    for offset in OFFSETS_M:
-        for share in SPEED_SHARES:
-            plan = Plan(share, offset, before)
-            score, clean = roll_out(world, plan, None, stride)
-            if plan == current:
-                score += 0.5
-            if score > best_score:
-                best, best_score = plan, score
-            if clean:
-                # With the same offset a slower plan cannot beat a faster one without penalties.
-                break
-        if best_score > 0.0:
-            break
-    return best
-
-
-def detour_zone(world: World) -> tuple[float, float] | None:
-    """(start, end) arc lengths on the route of the next detour through another lane, or None.
-
-    For a lane in the ego's direction the end is that of the lane change into it; for the oncoming lane that of the lane
-    change back.
-    """
-    changes = world.scene.route.detour
-    for i, out in enumerate(changes):
-        back = changes[i + 1] if i + 1 < len(changes) else None
-        oncoming = out.to_lane < 0 and back is not None
-        end = back.s_m + back.over_m if oncoming and back is not None else out.s_m + out.over_m + IN_LANE_AFTER_M
-        if world.route_s_m < end and (out.to_lane != world.scene.route.lane):
-            return out.s_m, end
-    return None
-
-
-def roll_out(world: World, plan: Plan, until_s_m: float | None = None, stride: int = 1) -> tuple[float, bool]:
-    """(score, clean) of a rollout of `plan` in a fork. score: metres of progress minus penalties. clean: no penalty.
-
-    It lasts `HORIZON_S` or, with `until_s_m`, until the ego reaches that arc length of the route; a rollout that does
-    not reach it within `PASS_LIMIT_S` is not clean.
-    """
-    fork = world.fork(stride)
-    start_s_m = fork.route_s_m
-    penalty = 0.0
-    horizon_s = HORIZON_S if until_s_m is None else PASS_LIMIT_S
-    for tick in range(round(horizon_s * DECISION_HZ)):
-        if until_s_m is not None and fork.route_s_m >= until_s_m:
-            return fork.route_s_m - start_s_m - penalty, penalty == 0.0
-        control = follow(fork, plan)
-        for _ in range(SUBSTEPS // stride):
-            fork.step(control)
-        if hits(fork):
-            # A later collision costs less: it leaves time for another plan.
-            penalty += 200.0 - tick
-            break
-        if _forces_hard_braking(fork):
-            penalty += 1.5
-        aside = abs(fork.route_lateral_m - fork.detour_offset_m(fork.route_s_m) - plan.offset_m)
-        penalty += 0.4 * max(0.0, aside - 1.2) + (OFF_ROAD_PENALTY if route_deviation_m(fork) > EDGE_M else 0.0)
-        if fork.goal_s_m - fork.route_s_m < 9.0:
-            return 500.0 - 2.0 * tick - penalty, penalty == 0.0
-    clean = penalty == 0.0 and until_s_m is None
-    return fork.route_s_m - start_s_m - penalty - 0.5 * abs(plan.offset_m), clean
-
-
-def hits(world: World, margin_m: float = MARGIN_M) -> bool:
-    """Whether the ego, enlarged by a margin, overlaps an actor."""
-    ego = world.ego
-    near = np.abs(world.positions[:-1] - ego.position).max(axis=1) < 7.0
-    if not near.any():
-        return False
-    x, y = float(ego.position[0]), float(ego.position[1])
-    own = corners_m(x, y, ego.heading, ego.LENGTH + margin_m, ego.WIDTH + margin_m)
-    for index in np.flatnonzero(near):
-        actor = world.actors[int(index)]
-        place = (float(actor.position[0]), float(actor.position[1]))
-        if boxes_overlap(own, corners_m(*place, actor.heading, actor.LENGTH, actor.WIDTH)):
-            return True
-    return False
-
-
-def _forces_hard_braking(world: World) -> bool:
-    """Whether a vehicle near the ego brakes hard."""
-    for actor in world.actors:
-        if isinstance(actor, StandingObject | Walker) or actor.command_acceleration > HARD_BRAKING_MPS2:
-            continue
-        if np.abs(actor.position - world.ego.position).max() < 20.0 and actor.speed > 0.5:
-            return True
-    return False
-
-
-def follow(world: World, plan: Plan) -> Control:
-    """Pure pursuit on the route or detour, IDM behind the leading actor, stops at lights and signs."""
-    speed = max(world.ego.speed, 0.0)
-    wanted = plan.share * world.speed_limit_at(world.route_s_m)
-    # From 1 m ahead on: an actor beside the ego's centre is not ahead of it.
-    gap, closing = leader(world, world.detour_window(world.route_s_m + 1.0, SIGHT_M))
-    line = stop_line_m(world)
-    zone = detour_zone(world) if plan.hold else None
-    if zone is not None and zone[0] > world.front_s_m - 0.5:
-        line = min(line, zone[0] - world.front_s_m)
-    acceleration = min(idm_acceleration(speed, wanted, gap, closing), stopping(speed, line))
-    return pedals(world, acceleration, pursuit_steer(world, offset_m=plan.offset_m, along_detour=True))
+    def control(self, env: DrivingEnv, frame: SensorFrame, tick: Tick) -> Decision:
+        assert env.world is not None
+        self.sight.update(env.world)
+        control, why = self.expert.control(env.world, self.sight)
+        return Decision(frame.stamp_ns, control, nearest_action(control), info={'reason': why})

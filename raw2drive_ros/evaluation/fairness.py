@@ -52,7 +52,7 @@ def is_fair(kind: str, seed: int, *, twin: bool = False) -> bool:
         control = _follow(world)
         for _ in range(SUBSTEPS):
             world.step(control)
-        if _touches_ego(world) or world.goal_s_m - world.route_s_m < 10.0:
+        if world.contacts or world.goal_s_m - world.route_s_m < 10.0:
             return True
     return True
 
@@ -88,8 +88,12 @@ def first_difference(kind: str, seed: int) -> Difference | None:
 def _different(event: World, twin: World) -> str:
     if [light.colour for light in event.lights] != [light.colour for light in twin.lights]:
         return 'light'
-    if len(event.stop_signs) != len(twin.stop_signs):
-        return 'stop sign'
+    if [lamp.colour for lamp in event.lamps] != [lamp.colour for lamp in twin.lamps]:
+        return 'lamp'
+    if [sign.pole_pose for sign in event.signs] != [sign.pole_pose for sign in twin.signs]:
+        return 'sign'
+    if getattr(event, 'scenery', ()) != getattr(twin, 'scenery', ()):
+        return 'scenery'
     if not np.array_equal(event.route.points_m, twin.route.points_m):
         return 'route'
     seen, also = (_seen(world) for world in (event, twin))

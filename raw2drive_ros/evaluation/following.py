@@ -33,6 +33,12 @@ def pursuit_steer(
     if along_detour:
         offset_m += world.detour_offset_m(there)
     x, y, _ = world.route.pose(there, offset_m)
+    return steer_to(world, x, y)
+
+
+def steer_to(world: World, x: float, y: float) -> float:
+    """Steering in [-1, 1] of the arc that leads from the ego's centre to the point (x, y) of `map`."""
+    ego = world.ego
     dx, dy = x - float(ego.position[0]), y - float(ego.position[1])
     cos, sin = math.cos(ego.heading), math.sin(ego.heading)
     local_x, local_y = dx * cos + dy * sin, -dx * sin + dy * cos
@@ -44,7 +50,7 @@ def pursuit_steer(
 def route_window(world: World, offset_m: float = 0.0) -> Float64:
     """(M, 2) points of the route, 1 m apart, `offset_m` to its left, from 1 m ahead of the ego's centre on (an actor
     beside it is not ahead)."""
-    first = max(0, int((world.route_s_m + 1.0) / SPACING_M))
+    first = world.route.index_at(world.route_s_m + 1.0)
     part = slice(first, first + int(SIGHT_M / SPACING_M), 2)
     points = world.route.points_m[part]
     if offset_m == 0.0:
@@ -110,3 +116,16 @@ def pedals(world: World, acceleration_mps2: float, steer: float) -> Control:
     drag = p.drag_constant_mps2 + p.drag_linear_1ps * speed + p.drag_quadratic_1pm * speed**2
     strength = min(p.drive_acceleration_mps2, p.drive_power_mps3 / max(speed, 1e-6))
     return Control(min(max((acceleration_mps2 + drag) / strength, 0.0), 1.0), 0.0, steer)
+
+
+def smooth_pedals(world: World, acceleration_mps2: float, steer: float) -> Control:
+    """Throttle or brake for exactly this acceleration of the ego's vehicle model; the brake holds it at rest."""
+    p, speed = world.ego.parameters, max(world.ego.speed, 0.0)
+    if acceleration_mps2 <= 0.0 and speed < 0.15:
+        return Control(0.0, 0.3, steer)
+    drag = p.drag_constant_mps2 + p.drag_linear_1ps * speed + p.drag_quadratic_1pm * speed**2
+    push = acceleration_mps2 + drag
+    if push < 0.0:
+        return Control(0.0, min(1.0, -push / p.brake_deceleration_mps2), steer)
+    strength = min(p.drive_acceleration_mps2, p.drive_power_mps3 / max(speed, 1e-6))
+    return Control(min(push / strength, 1.0), 0.0, steer)

@@ -17,6 +17,8 @@ COEFFICIENTS = {
     'collision_static': 0.65,
     'red_light': 0.70,
     'yield_emergency': 0.70,
+    'scenario_timeout': 0.70,
+    'forced_braking': 0.70,
     'stop_sign': 0.80,
 }
 BOOTSTRAP_SAMPLES = 2000
@@ -31,7 +33,9 @@ class RouteResult:
     infractions: name -> count, and the failure that ended the drive, if one did. signs_obeyed: through the first
     junction without running a light or a stop sign (the Traffic Sign ability's extra credit). reward: sum over the
     drive. efficiency: mean speed in percent of the traffic's; comfort: percent of comfortable segments; None where
-    undefined. limit_s: time limit of the drive; None in older files, and where there was none."""
+    undefined. limit_s: time limit of the drive; None in older files, and where there was none. reference_s: the time
+    of the driver that the limit was set from; None where it is not known. twin: the drive without the event.
+    needless_stop_s: the longest time for which the ego stood without a reason; None in older files."""
 
     id: str
     type: str
@@ -50,6 +54,9 @@ class RouteResult:
     efficiency: float | None = None
     comfort: float | None = None
     limit_s: float | None = None
+    reference_s: float | None = None
+    twin: bool = False
+    needless_stop_s: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -85,6 +92,7 @@ def score_route(
     efficiency: float | None = None,
     comfort: float | None = None,
     limit_s: float | None = None,
+    needless_stop_s: float | None = None,
 ) -> RouteResult:
     """The row of one drive, rounded as it is stored. Success: the whole route, no infraction, no failure."""
     score = infraction_score(events, outside_percent)
@@ -111,6 +119,8 @@ def score_route(
         None if efficiency is None else round(efficiency, 3),
         None if comfort is None else round(comfort, 3),
         None if limit_s is None or math.isinf(limit_s) else round(limit_s, 2),
+        twin=route.twin,
+        needless_stop_s=None if needless_stop_s is None else round(needless_stop_s, 2),
     )
 
 

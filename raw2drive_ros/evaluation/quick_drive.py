@@ -25,11 +25,12 @@ Moments = list[tuple[float, float, float, float]]
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """cause: the first infraction or failure; '' for a success. seconds: simulated time until then."""
+    """cause: the first infraction or failure; '' for a success. seconds, s_m: time and arc length until then."""
 
     success: bool
     cause: str
     seconds: float
+    s_m: float = 0.0
 
 
 def sensorless_env() -> DrivingEnv:
@@ -59,7 +60,7 @@ def quick_drive(env: DrivingEnv, decide: Decide, route: RouteId, limit_s: float 
         tick, *_ = env.step(gate.propose(Decision(tick.stamp_ns, control, nearest_action(control)), now))
         number += 1
         if cause := spoiled(env.criteria):
-            return Verdict(success=False, cause=cause, seconds=env.world.time_s)
+            return Verdict(success=False, cause=cause, seconds=env.world.time_s, s_m=env.world.route_s_m)
     success = result_of(env).success
     cause = '' if success else spoiled(env.criteria) or 'incomplete'
-    return Verdict(success, cause, env.world.time_s)
+    return Verdict(success, cause, env.world.time_s, env.world.route_s_m)

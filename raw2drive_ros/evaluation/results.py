@@ -10,7 +10,7 @@ import json
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,14 +18,17 @@ from raw2drive_ros.artifact import write_whole
 from raw2drive_ros.bounds import MAX_RESULTS_BYTES, read_regular
 from raw2drive_ros.contracts.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import RouteResult
+from raw2drive_ros.simulation.protocol import PAIRS
 from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.simulation.weather import get_weather
 
 Row = dict[str, Any]
 NUMBERS = ('route_completion', 'infraction_score', 'driving_score', 'duration_s', 'reward')
 # None where undefined; the oldest files do not have them.
 OPTIONAL = ('efficiency', 'comfort')
-# Fields that files before suites of version 3 do not have.
-LATER = ('limit_s',)
+# Fields that files before suites of version 3 do not have: numbers, and what their rows mean.
+LATER = ('limit_s', 'reference_s', 'needless_stop_s')
+LATER_DEFAULTS: Row = dict.fromkeys(LATER) | {'twin': False}
 TYPES: dict[str, type] = {
     'id': str,
     'type': str,
@@ -36,12 +39,15 @@ TYPES: dict[str, type] = {
     'infractions': dict,
     'signs_obeyed': bool,
     'failure': str,
+    'twin': bool,
 }
 FIELDS = tuple(field.name for field in fields(RouteResult))
 # Name in older files -> name today.
 OLD_HEADER_KEYS = {'quirks': 'bench2drive_compat'}
 # Only rows whose headers agree in these may stand in one file.
-IDENTITY = ('driver', 'suite', 'version', 'bench2drive_compat')
+IDENTITY = ('driver', 'suite', 'version', 'protocol', 'bench2drive_compat')
+# Protocol of files whose header names none: a drive ended at its first collision, and lanes were judged by its centre.
+OLD_PROTOCOL = 'version 2'
 
 
 class Results(NamedTuple):
@@ -172,7 +178,8 @@ def _checked_header(record: Any, source: str) -> Row:
             RouteId.parse(text)
     except ValueError as error:
         raise ResultsError(f'{source} is not the header of results: {error}') from error
-    return header | {name: str(header[name]) for name in ('driver', 'suite', 'version')}
+    header.setdefault('protocol', OLD_PROTOCOL)
+    return header | {name: str(header[name]) for name in ('driver', 'suite', 'version', 'protocol')}
 
 
 def _checked_row(record: Any, source: str) -> Row:
@@ -180,7 +187,7 @@ def _checked_row(record: Any, source: str) -> Row:
     try:
         if not isinstance(record, dict):
             raise ValueError(f'{record!r} is not a table')
-        row = record | {name: record.get(name) for name in (*OPTIONAL, *LATER)}
+        row = dict.fromkeys(OPTIONAL) | LATER_DEFAULTS | record
         _require(row, FIELDS)
         if unknown := [name for name in row if name not in FIELDS]:
             raise ValueError(f'unknown: {", ".join(unknown)}')
@@ -192,9 +199,10 @@ def _checked_row(record: Any, source: str) -> Row:
             _check_number(name, row[name])
         if not all(type(count) is int for count in row['infractions'].values()):
             raise ValueError('infractions: not a table of counts')
-        parts = '/'.join(str(row[name]) for name in ('type', 'seed', 'weather', 'repetition'))
-        if replace(RouteId.parse(parts), twin=id_of(row).twin) != id_of(row):
-            raise ValueError(f'id {row["id"]} is not that of {parts}')
+        named = RouteId(row['type'], row['seed'], get_weather(row['weather']).name, row['repetition'], row['twin'])
+        if named != id_of(row):
+            parts = '/'.join(str(row[name]) for name in ('type', 'seed', 'weather', 'repetition'))
+            raise ValueError(f'id {row["id"]} is not that of {parts}{", a twin" * row["twin"]}')
     except ValueError as error:
         raise ResultsError(f'{source} is not a result: {error}') from error
     return row
@@ -222,7 +230,13 @@ def _check_number(name: str, value: Any) -> None:
 
 
 def header_of(
-    identity: str, suite: str, version: str, routes: Sequence[RouteId], *, bench2drive_compat: bool = False
+    identity: str,
+    suite: str,
+    version: str,
+    routes: Sequence[RouteId],
+    *,
+    protocol: str = PAIRS,
+    bench2drive_compat: bool = False,
 ) -> Row:
     """The first record of a file of results. identity: of the driver, see `DriverSpec.identity`."""
     return {
@@ -231,6 +245,7 @@ def header_of(
         'driver': identity,
         'suite': suite,
         'version': version,
+        'protocol': protocol,
         'bench2drive_compat': bench2drive_compat,
         'routes': [str(route) for route in routes],
     }

@@ -2,6 +2,9 @@
 
 The unit of every interval is the ROUTE (type, seed): repetitions of one route are not independent, so they are
 averaged first. A wanted route without a row counts as zero.
+
+Where a route is a pair of drives, the scores that Bench2Drive has are those of the event; `pairs` has the others. A
+file of twins alone is scored by its twins.
 """
 
 from __future__ import annotations
@@ -13,8 +16,10 @@ import numpy as np
 
 from raw2drive_ros.contracts.errors import ResultsError
 from raw2drive_ros.evaluation.metrics import ABILITIES, RouteResult, bootstrap
+from raw2drive_ros.evaluation.pairs import Pair, headline, pairs_of, pairs_won, twin_scores
 from raw2drive_ros.evaluation.results import OPTIONAL, Results, Row, id_of
-from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.simulation.protocol import PAIRS
+from raw2drive_ros.simulation.route_id import TWIN, RouteId
 from raw2drive_ros.simulation.scenario import load_scenarios
 
 Unit = tuple[str, int]
@@ -45,29 +50,62 @@ def estimate(pairs: Iterable[tuple[RouteId, float | None]]) -> dict[str, float] 
 
 
 def summary(results: Results) -> dict[str, Any]:
-    """Estimates of every score. `defined`: in how many drives efficiency and comfort have a value."""
-    rows = results.by_id()
+    """Estimates of every score, in percent but for driving_score, reward and time_lost_s (s).
+
+    driving_score to reward: of the events, see `pairs.headline`. pair_success_rate: pairs of which both drives succeed;
+    event_success_rate, twin_success_rate: one of them; needless_stops, time_lost_s: of the twins; all of these None
+    without pairs or twins. `defined`: in how many drives efficiency and comfort have a value.
+    """
+    rows = headline(results)
     found: dict[str, Any] = {
         name: estimate((route, value(row) if row else 0.0) for route, row in rows.items())
         for name, value in SCORES.items()
     }
+    for name, values in pair_scores(results).items():
+        found[name] = estimate(values)
     for name in OPTIONAL:
         found[name] = estimate((route, row.get(name) if row else None) for route, row in rows.items())
-    defined = {name: sum(row.get(name) is not None for row in results.rows) for name in OPTIONAL}
-    reward = estimate((id_of(row), row['reward']) for row in results.rows)
-    return found | {'reward': reward, 'defined': defined, 'wanted': len(rows), 'driven': len(results.rows)}
+    defined = {name: sum(row is not None and row.get(name) is not None for row in rows.values()) for name in OPTIONAL}
+    reward = estimate((route, row['reward']) for route, row in rows.items() if row)
+    return found | {
+        'reward': reward,
+        'defined': defined,
+        'wanted': len(results.wanted),
+        'driven': len(results.rows),
+    }
+
+
+def pair_scores(results: Results) -> dict[str, list[tuple[RouteId, float | None]]]:
+    """Score -> its value per pair or twin, in percent (time_lost_s: seconds)."""
+    pairs = pairs_of(results)
+
+    def percent(won: Callable[[Pair], bool]) -> list[tuple[RouteId, float | None]]:
+        return [(pair.route, 100.0 * won(pair)) for pair in pairs]
+
+    return {
+        'pair_success_rate': percent(lambda pair: pair.won),
+        'event_success_rate': percent(lambda pair: pair.event_won),
+        'twin_success_rate': percent(lambda pair: pair.twin_won),
+        **twin_scores(results),
+    }
 
 
 def by_type(results: Results) -> dict[str, dict[str, float]]:
-    """Scenario type -> drives wanted, successes, mean driving score (missing drives are zero)."""
+    """Scenario type -> drives wanted, successes, mean driving score (missing drives are zero), pairs, pairs won.
+
+    drives, successes, driving_score: of the events, see `pairs.headline`.
+    """
     found: dict[str, list[Row | None]] = {}
-    for route, row in results.by_id().items():
+    for route, row in headline(results).items():
         found.setdefault(route.type, []).append(row)
+    won = pairs_won(results)
     return {
         name: {
             'drives': len(rows),
             'successes': sum(row['success'] for row in rows if row),
             'driving_score': sum(row['driving_score'] for row in rows if row) / len(rows),
+            'pairs': won.get(name, (0, 0))[0],
+            'pairs_won': won.get(name, (0, 0))[1],
         }
         for name, rows in sorted(found.items())
     }
@@ -75,13 +113,13 @@ def by_type(results: Results) -> dict[str, dict[str, float]]:
 
 def by_ability(results: Results) -> dict[str, dict[str, float]]:
     """Estimates of the success rate per ability, and `mean` over the five where all are driven; the rule is
-    Bench2Drive's: for TrafficSign a failed drive counts too when it obeyed its signs."""
+    Bench2Drive's: for TrafficSign a drive counts twice, by its success and by whether it obeyed its signs."""
     known = load_scenarios()
     found: dict[str, dict[str, float]] = {}
     for ability in ABILITIES:
         value = estimate(
-            (route, 100.0 * bool(row and (row['success'] or (ability == 'TrafficSign' and row['signs_obeyed']))))
-            for route, row in results.by_id().items()
+            (route, _ability_percent(ability, row))
+            for route, row in headline(results).items()
             if route.type in known and ability in known[route.type].abilities
         )
         if value is not None:
@@ -91,15 +129,24 @@ def by_ability(results: Results) -> dict[str, dict[str, float]]:
     return found
 
 
+def _ability_percent(ability: str, row: Row | None) -> float:
+    if row is None:
+        return 0.0
+    success = bool(row['success'])
+    if ability != 'TrafficSign':
+        return 100.0 * success
+    return 50.0 * success + 50.0 * (success or row['signs_obeyed'])
+
+
 def flaky(results: Results) -> list[dict[str, Any]]:
     """Routes whose finished repetitions disagree on success."""
-    found: dict[Unit, list[bool]] = {}
+    found: dict[tuple[str, int, bool], list[bool]] = {}
     for row in results.rows:
         route = id_of(row)
-        found.setdefault((route.type, route.seed), []).append(row['success'])
+        found.setdefault((route.type, route.seed, route.twin), []).append(row['success'])
     return [
-        {'type': kind, 'seed': seed, 'successes': sum(values), 'drives': len(values)}
-        for (kind, seed), values in found.items()
+        {'type': kind + TWIN * twin, 'seed': seed, 'successes': sum(values), 'drives': len(values)}
+        for (kind, seed, twin), values in found.items()
         if 0 < sum(values) < len(values)
     ]
 
@@ -119,30 +166,38 @@ def infractions(results: Results) -> dict[str, int]:
 
 def compare(a: Results, b: Results) -> dict[str, Any]:
     """Is A better than B on the routes that both should drive? Per score: the paired difference A - B as an
-    estimate, the p-value of a sign-flip permutation test, and a verdict yes, no or undecided.
+    estimate, the p-value of a sign-flip permutation test, and a verdict yes, no or undecided. driving_score and
+    success_rate are of the events; pair_success_rate is there where both have pairs.
 
-    Raises ResultsError when suite or version differ, or when there is no common route.
+    Raises ResultsError when suite, version or protocol differ, or when there is no common route.
     """
-    for name in ('suite', 'version'):
+    for name in ('suite', 'version', 'protocol'):
         if a.header[name] != b.header[name]:
             raise ResultsError(
                 f'{a.driver} has {name} {a.header[name]!r} and {b.driver} {b.header[name]!r}: not comparable'
             )
-    rows_a, rows_b = a.by_id(), b.by_id()
+    rows_a, rows_b = headline(a), headline(b)
     common = [route for route in rows_a if route in rows_b]
     if not common:
         raise ResultsError(f'{a.driver} and {b.driver} have no route in common')
     found: dict[str, Any] = {'common': len(common), 'not_common': len(set(rows_a) ^ set(rows_b))}
     for name in ('driving_score', 'success_rate'):
         value = SCORES[name]
-        units = _units(
+        found[name] = _difference(
             (route, (value(ra) if (ra := rows_a[route]) else 0.0) - (value(rb) if (rb := rows_b[route]) else 0.0))
             for route in common
         )
-        differences = list(units.values())
-        interval, p = bootstrap(differences), sign_flip_p(differences)
-        found[name] = {**interval, 'routes': len(units), 'p': p, 'verdict': verdict(interval, p)}
+    won_a, won_b = ({pair.route: 100.0 * pair.won for pair in pairs_of(results)} for results in (a, b))
+    if won_a.keys() & won_b.keys():
+        found['pair_success_rate'] = _difference((r, won_a[r] - won_b[r]) for r in won_a if r in won_b)
     return found
+
+
+def _difference(pairs: Iterable[tuple[RouteId, float]]) -> dict[str, Any]:
+    units = _units(pairs)
+    differences = list(units.values())
+    interval, p = bootstrap(differences), sign_flip_p(differences)
+    return {**interval, 'routes': len(units), 'p': p, 'verdict': verdict(interval, p)}
 
 
 def sign_flip_p(differences: Sequence[float], seed: int = 0) -> float:
@@ -167,9 +222,10 @@ def summarise(
     routes: Sequence[RouteId],
     rows: Sequence[RouteResult],
     timing: dict[str, Any],
+    protocol: str = PAIRS,
 ) -> dict[str, Any]:
     """Results as one dictionary for JSON. Routes without a row count as zero and are listed under `missing`."""
-    header = {'driver': driver, 'suite': suite, 'version': version}
+    header = {'driver': driver, 'suite': suite, 'version': version, 'protocol': protocol}
     results = Results(header | {'routes': [str(route) for route in routes]}, [row.to_json() for row in rows])
     return {
         **header,

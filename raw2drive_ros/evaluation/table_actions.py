@@ -16,8 +16,7 @@ from raw2drive_ros.contracts.privileged import MAX_REASON_CHARACTERS
 from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
 from raw2drive_ros.contracts.texts import shown
 from raw2drive_ros.evaluation.episode_driver import EpisodeDriver
-from raw2drive_ros.evaluation.expert import REPLAN_TICKS
-from raw2drive_ros.evaluation.world_drivers import expert_driver
+from raw2drive_ros.evaluation.world_drivers import oracle_driver
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.world import World
 
@@ -31,7 +30,8 @@ STEER_PER_MPS2 = 0.08
 BRAKING_MPS2 = 1.2
 STANDING_MPS = 0.3
 BURST_TICKS = 7
-ASKED_TICKS = REPLAN_TICKS
+# Of this many ticks in a row an adviser is asked each time.
+ASKED_TICKS = 4
 # Keys of `Decision.info`: why the driver does it (a text; any driver may say it), an expert's action, and its reason.
 REASON, ADVICE, ADVICE_REASON = 'reason', 'advice', 'advice_reason'
 
@@ -84,9 +84,10 @@ class TableActionDriver:
 
 
 def through_table(name: str, driver: EpisodeDriver, noise: float = 0.0) -> TableActionDriver:
-    """The driver that `--table` makes of a named one; the expert plans coarsely and notes its choice as advice."""
-    is_expert = name == 'expert'
-    return TableActionDriver(expert_driver(coarse=True) if is_expert else driver, noise, advises=is_expert)
+    """The driver that `--table` makes of a named one. The expert notes its choice as advice; the oracle plans coarsely."""
+    return TableActionDriver(
+        oracle_driver(coarse=True) if name == 'oracle' else driver, noise, advises=name == 'expert'
+    )
 
 
 class AdvisedDriver:

@@ -88,10 +88,13 @@ class TickMessages:
         """Masks, vectors and actors, as far as they were computed, and the transition."""
         factory, stamp_ns, frame = self.factory, tick.stamp_ns, tick.privileged
         if frame is not None:
-            yield topics.BEV, stamp_ns, bev_to_message(factory, frame.bev, stamp_ns)
+            masks = bev_to_message(factory, frame.bev, stamp_ns)
+            yield topics.BEV, stamp_ns, masks
             yield topics.EGO, stamp_ns, ego_to_message(factory, frame)
             if frame.bev_visible is not None:
-                yield topics.BEV_VISIBLE, stamp_ns, bev_to_message(factory, frame.bev_visible, stamp_ns)
+                same = frame.bev_visible is frame.bev
+                seen = masks if same else bev_to_message(factory, frame.bev_visible, stamp_ns)
+                yield topics.BEV_VISIBLE, stamp_ns, seen
             if frame.signals is not None:
                 yield topics.SIGNALS, stamp_ns, signals_to_message(factory, frame.signals, stamp_ns)
             if frame.actors is not None:

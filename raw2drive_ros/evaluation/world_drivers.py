@@ -8,7 +8,7 @@ import numpy as np
 
 from raw2drive_ros.contracts.actions import nearest_action
 from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
-from raw2drive_ros.evaluation.expert import ExpertDriver
+from raw2drive_ros.evaluation.oracle import OracleDriver
 from raw2drive_ros.evaluation.rule_driver import RuleDriver
 from raw2drive_ros.evaluation.simple_drivers import IdmMobilDriver, constant_speed
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
@@ -46,9 +46,9 @@ def rule_driver(noise: float = 0.0) -> WorldDriver:
     return WorldDriver(make)
 
 
-def expert_driver(*, coarse: bool = False) -> WorldDriver:
-    """The expert; coarse: plans are simulated in steps of a decision; half the cost, and no fewer routes are solved."""
-    return WorldDriver(lambda seed: ExpertDriver(SUBSTEPS if coarse else 1).control)
+def oracle_driver(*, coarse: bool = False) -> WorldDriver:
+    """The oracle; coarse: plans are simulated in steps of a decision; half the cost, and no fewer routes are solved."""
+    return WorldDriver(lambda seed: OracleDriver(SUBSTEPS if coarse else 1).control)
 
 
 def idm_driver() -> WorldDriver:

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from raw2drive_ros.simulation.protocol import PAIRS
+
 if TYPE_CHECKING:
     from raw2drive_ros.evaluation.driver_spec import DriverSpec
     from raw2drive_ros.evaluation.evaluate import Conditions
@@ -27,7 +29,7 @@ class GraphJob:
     """out: folder for everything. max_ticks: end each route after that; 0: never. bundle: of the planner; without one
     the bridge's `sim_driver` (of stage-1 run `run`) drives. record: to `out`/bag. faults: (file of plans, plan) for a
     fault injector between vehicle, planner and gate. limits_s: time limits of routes; the others have their scene's
-    own."""
+    own. protocol: see `simulation.protocol`."""
 
     out: Path
     routes: tuple[RouteId, ...]
@@ -42,6 +44,7 @@ class GraphJob:
     bench2drive_compat: bool = False
     faults: tuple[str, str] | None = None
     limits_s: Mapping[RouteId, float] = field(default_factory=dict)
+    protocol: str = PAIRS
 
 
 def drive_graph(
@@ -105,6 +108,7 @@ def _start(graph: Graph, job: GraphJob) -> None:
         'sim_driver': job.sim_driver,
         'sim_driver_run': str(job.run.resolve()) if job.run else '',
         'bench2drive_compat': job.bench2drive_compat,
+        'protocol': job.protocol,
         'lock_step': not job.real_time,
         'image_height': job.image_size[0],
         'image_width': job.image_size[1],
@@ -172,19 +176,19 @@ def evaluate_graph(
     on_route: Callable[[int, RouteResult], None],
 ) -> dict[str, Any]:
     """`evaluate`, but through the graph: the raw driver in the planner node, others as the bridge's sim driver."""
-    from raw2drive_ros.evaluation.evaluate import interruptible
-    from raw2drive_ros.evaluation.results import RowsFile, header_of
+    from raw2drive_ros.evaluation.evaluate import conditions_header, interruptible
+    from raw2drive_ros.evaluation.results import RowsFile
     from raw2drive_ros.evaluation.statistics import summarise, timing_of
     from raw2drive_ros.graph.processes import reserve_domain
 
-    compat = conditions.bench2drive_compat
-    file = RowsFile(lines, header_of(spec.identity(), suite, version, routes, bench2drive_compat=compat))
+    file = RowsFile(lines, conditions_header(spec, suite, version, routes, conditions))
     left = tuple(route for route in routes if route not in file.rows)
     timing = timing_of([])
 
     def on_row(result: RouteResult) -> None:
-        file.add(result)
-        on_route(len(file.rows), result)
+        row = conditions.with_reference(result)
+        file.add(row)
+        on_route(len(file.rows), row)
 
     if left:
         raw = spec.name == 'raw'
@@ -199,7 +203,8 @@ def evaluate_graph(
                 record=False,
                 bench2drive_compat=conditions.bench2drive_compat,
                 limits_s=conditions.limits_s,
+                protocol=conditions.protocol,
             )
-            with interruptible(spec.name, suite, version, file, []):
+            with interruptible(spec.name, suite, version, file, [], conditions.protocol):
                 timing = drive_graph(job, domain, on_row=on_row)[1]
-    return summarise(spec.name, suite, version, routes, list(file.rows.values()), timing)
+    return summarise(spec.name, suite, version, routes, list(file.rows.values()), timing, conditions.protocol)

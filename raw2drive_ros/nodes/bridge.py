@@ -41,6 +41,7 @@ from raw2drive_ros.nodes.parameters import declare, wants_compressed
 from raw2drive_ros.nodes.quality import LossCounter, make_publisher, publisher_count
 from raw2drive_ros.nodes.runtime import run_node
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
+from raw2drive_ros.simulation.protocol import PAIRS, PROTOCOLS
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
@@ -58,6 +59,7 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     'sim_driver': ('', 'a driver that reads the simulation and proposes commands in place of a planner'),
     'sim_driver_run': ('', 'stage-1 run of sim driver privileged'),
     'bench2drive_compat': (False, 'efficiency and comfort as Bench2Drive computes them'),
+    'protocol': (PAIRS, f'rules that drives are judged by: {" or ".join(PROTOCOLS)}'),
     'lock_step': (True, 'wait for each command (true) or follow the wall clock (false)'),
     'image_height': (96, 'camera image height in pixels'),
     'image_width': (160, 'camera image width in pixels'),
@@ -92,9 +94,10 @@ class BridgeNode(Node):
         self.endless = not self.queue or bool(p['loop'])
         self.sim_driver = _sim_driver(p['sim_driver'], p['sim_driver_run'])
         cameras = self.sim_driver is None or self.sim_driver.needs_cameras
-        config = SimulationConfig(
-            (p['image_height'], p['image_width']), cameras=cameras, bev=p['bev'], end_on_infraction=False
-        )
+        if p['protocol'] not in PROTOCOLS:
+            raise NodeError(f'protocol: {p["protocol"]!r} is not {" or ".join(PROTOCOLS)}')
+        size = (p['image_height'], p['image_width'])
+        config = SimulationConfig(size, cameras=cameras, bev=p['bev'], end_on_infraction=False, protocol=p['protocol'])
         self.env = DrivingEnv(config)
         self.messages = TickMessages(RclpyFactory(), self.env.rig, compressed=self.compressed)
         self.losses = LossCounter()

@@ -44,6 +44,7 @@ def statistics_of(paths: Sequence[Path], runs: Sequence[Results]) -> dict[str, A
     return {
         'suite': runs[0].header['suite'],
         'version': runs[0].header['version'],
+        'protocol': runs[0].header['protocol'],
         'runs': [
             {
                 'name': letter,
@@ -88,6 +89,8 @@ def write_comparison(target: Path, paths: Sequence[Path], max_filmstrips: int = 
         matrix=_matrix(numbers),
         failures=[failures_of(path, run, max_filmstrips) for path, run in zip(paths, runs, strict=True)],
         succeeded=[[row for row in run.rows if row['success']] for run in runs],
+        paired=any(run['summary']['pair_success_rate'] for run in numbers['runs']),
+        twins=any(run['summary']['needless_stops'] for run in numbers['runs']),
         repeated=any(route.repetition for run in runs for route in run.wanted),
         max_filmstrips=max_filmstrips,
         crowded=len(runs) > ROOMY_RUNS,
@@ -110,7 +113,7 @@ def _matrix(numbers: dict[str, Any]) -> dict[str, dict[str, dict[str, Any]]]:
     """row name -> column name -> {score: difference row - column}: every comparison, read both ways."""
     found: dict[str, dict[str, dict[str, Any]]] = {run['name']: {} for run in numbers['runs']}
     for pair in numbers['comparisons']:
-        scores = {name: pair[name] for name in ('driving_score', 'success_rate')}
+        scores = {name: pair[name] for name in ('driving_score', 'success_rate', 'pair_success_rate') if name in pair}
         counts = {name: pair[name] for name in ('common', 'not_common')}
         found[pair['a']][pair['b']] = scores | counts
         found[pair['b']][pair['a']] = {name: _turned(value) for name, value in scores.items()} | counts

@@ -25,9 +25,10 @@ th:first-child,td:first-child,td.left{text-align:left}
 </style></head><body>
 <h1>Drive report</h1>
 <p>Driver <code>{{ result.driver }}</code>, routes <code>{{ result.suite }}</code>,
-suite version {{ result.version }}, raw2drive {{ version }}.</p>
+suite version {{ result.version }}, protocol {{ result.protocol }}, raw2drive {{ version }}.</p>
 <div class="cards">
-{% for name in ('driving_score', 'success_rate', 'route_completion') %}{% set value = result.summary[name] %}
+{% for name in ('pair_success_rate', 'driving_score', 'success_rate', 'route_completion') if result.summary[name] %}
+{% set value = result.summary[name] %}
 <div class="card">{{ name.replace('_', ' ') }}<b>{{ '%.1f' % value.mean }}</b>
 95 %: {{ '%.1f' % value.low }} to {{ '%.1f' % value.high }}</div>
 {% endfor %}

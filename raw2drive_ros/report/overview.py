@@ -15,7 +15,6 @@ from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.report.panels import Rgb, text
 from raw2drive_ros.simulation.actors import Actor, PathVehicle, Walker, corners_m
 from raw2drive_ros.simulation.bev import CLASS_OF
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.bev_colours import COLOURS
 
@@ -161,7 +160,7 @@ class Overview:
 
     def _across(self, s_m: float, colour: Colour) -> None:
         """A bar across the ego's lane."""
-        half = LANE_WIDTH_M / 2
+        half = self.world.scene.layout.lane_width_m / 2
         ends = [self.world.route.pose(s_m, side)[:2] for side in (-half, half)]
         self._line(np.array(ends), colour, max(3, round(0.6 * self.scale)))
 

@@ -14,7 +14,10 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
 
 from raw2drive_ros.contracts.public import Float64
+from raw2drive_ros.simulation.car_following import COMFORT_MPS2, drift_length_m, follow, needed_mps2
+from raw2drive_ros.simulation.draws import TRAINING
 from raw2drive_ros.simulation.leaders import LOOK_AHEAD_M
+from raw2drive_ros.simulation.looks import look_fields, size_m
 from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
 from raw2drive_ros.simulation.scripts import Meeting, Pacing, Script, ego_is_due
 
@@ -27,43 +30,16 @@ DOOR_OPENS_IN_S = 0.6
 CREEP_MPS = 0.05
 EGO_HALF_WIDTH_M = 1.0
 BRAKE_LAMP_MPS2 = -0.7
+# Nobody walks into a vehicle: the step that is looked at.
+STEP_AHEAD_M = 0.6
 # A vehicle indicates a turn from here on.
 INDICATE_M = 40.0
-# Deceleration of a calm driver, the hardest braking, and the strongest lateral acceleration of a scripted drift.
-COMFORT_MPS2 = 2.5
-MAX_BRAKING_MPS2 = 8.0
-DRIFT_MPS2 = 3.8
 SIZE_SPREAD = 0.06
-
-# kind: (length, width, height) in metres.
-SIZES_M = {
-    'car': (4.6, 1.9, 1.5),
-    'van': (5.6, 2.1, 2.3),
-    'emergency': (5.4, 2.1, 2.2),
-    'cyclist': (1.8, 0.6, 1.7),
-    'walker': (0.6, 0.6, 1.75),
-    'barrier': (3.0, 2.2, 1.1),
-    'cone': (0.45, 0.45, 0.8),
-    'parked': (4.6, 1.9, 1.5),
-    'parked_van': (5.6, 2.1, 2.5),
-    'parked_emergency': (5.4, 2.1, 2.2),
-    'door': (0.15, 0.95, 1.35),
-}
-# Car bodies: (length, width, height) in metres. Kinds without a choice of bodies have the size in `SIZES_M`.
-BODIES_M = {
-    'sedan': (4.6, 1.85, 1.45),
-    'hatchback': (4.0, 1.75, 1.5),
-    'suv': (4.7, 1.95, 1.75),
-    'pickup': (5.2, 1.95, 1.8),
-}
-BODIES_OF = {'car': tuple(BODIES_M), 'parked': tuple(BODIES_M)}
-CAR_KINDS = frozenset(('car', 'parked', 'van', 'parked_van'))
-COLOURS = 14
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Appearance of one actor. colour: index into the renderer's palette. scale: factor on length and width."""
+    """Appearance of one actor. colour: index into `looks.PAINTS`. scale: factor on length and width."""
 
     body: str
     colour: int = 0
@@ -72,16 +48,15 @@ class Look:
     @property
     def length_m(self) -> float:
         """Length of the body, scaled."""
-        return (BODIES_M.get(self.body) or SIZES_M[self.body])[0] * self.scale
+        return size_m(self.body)[0] * self.scale
 
     @staticmethod
-    def draw(kind: str, rng: np.random.Generator) -> Look:
-        bodies = BODIES_OF.get(kind, (kind,))
-        spread = 1.0 + SIZE_SPREAD * (2.0 * float(rng.random()) - 1.0) if kind in CAR_KINDS else 1.0
-        return Look(bodies[int(rng.integers(len(bodies)))], int(rng.integers(COLOURS)), spread)
+    def draw(kind: str, rng: np.random.Generator, split: str = TRAINING) -> Look:
+        """A look for an actor of `kind`, of the bodies and paints that `split` owns."""
+        return Look(*look_fields(kind, split, rng, SIZE_SPREAD))
 
     def apply_to(self, actor: Vehicle | Obstacle) -> None:
-        length, width, height = BODIES_M.get(self.body) or SIZES_M[self.body]
+        length, width, height = size_m(self.body)
         actor.body, actor.colour = self.body, self.colour
         actor.LENGTH, actor.WIDTH, actor.HEIGHT = length * self.scale, width * self.scale, height
 
@@ -242,32 +217,6 @@ class PathVehicle(Vehicle):
         self.gone = self.s_m > self.ends_at_s_m and self.leaves_in_sight
 
 
-def needed_mps2(gap_m: float, closing_mps: float) -> float:
-    """The deceleration (m/s2) that is needed to lose `closing_mps` within `gap_m`, but for half a metre."""
-    return closing_mps * closing_mps / (2.0 * max(gap_m - 0.5, 0.2))
-
-
-def follow(speed: float, free_mps2: float, gap_m: float, closing_mps: float, time_gap_s: float) -> float:
-    """Acceleration (m/s2) behind a leading vehicle: IDM, but not harder than the situation asks for.
-
-    free_mps2: what it would be without one. A gap that is too short, but does not shrink, is opened gently.
-    """
-    if gap_m >= LOOK_AHEAD_M:
-        return max(free_mps2, IDMVehicle.COMFORT_ACC_MIN)
-    comfort = math.sqrt(-IDMVehicle.COMFORT_ACC_MAX * IDMVehicle.COMFORT_ACC_MIN)
-    wanted_gap = 3.0 + max(0.0, speed * time_gap_s + speed * closing_mps / (2.0 * comfort))
-    wanted = free_mps2 - IDMVehicle.COMFORT_ACC_MAX * (wanted_gap / max(gap_m, 0.1)) ** 2
-    hardest = COMFORT_MPS2
-    if closing_mps > 0.0:
-        hardest = max(hardest, 1.4 * needed_mps2(gap_m - 1.0, closing_mps) + 0.5)
-    return max(wanted, -min(hardest, MAX_BRAKING_MPS2))
-
-
-def drift_length_m(drift_m: float, speed_mps: float) -> float:
-    """The shortest way (m) for a lateral drift with at most `DRIFT_MPS2` sideways: 6 d / T^2 for a cubic step."""
-    return speed_mps * math.sqrt(6.0 * abs(drift_m) / DRIFT_MPS2)
-
-
 class Walker(Vehicle):
     """A pedestrian (or cyclist) who crosses the route from one lateral offset to another.
 
@@ -294,14 +243,29 @@ class Walker(Vehicle):
         self.route_s_m = s_m
         self.left_to_walk_m = abs(to_m - from_m)
         self.walk_speed = speed_mps
+        self.started = False
         self.lead_s = (abs(from_m) - EGO_HALF_WIDTH_M) / speed_mps + delay_s
         self.number = -1
         self.command_acceleration = 0.0
         self.gone = False
 
     def think(self, world: World) -> None:
-        if self.speed == 0.0 and self.left_to_walk_m > 0 and ego_is_due(world, self.route_s_m, self.lead_s):
-            self.speed = self.walk_speed
+        self.started = self.started or ego_is_due(world, self.route_s_m, self.lead_s)
+        walks = self.started and self.left_to_walk_m > 0.0 and not self._is_barred(world)
+        self.speed = self.walk_speed if walks else 0.0
+
+    def _is_barred(self, world: World) -> bool:
+        """Whether a vehicle that is not the ego's is right in front."""
+        x = float(self.position[0]) + STEP_AHEAD_M * math.cos(self.heading)
+        y = float(self.position[1]) + STEP_AHEAD_M * math.sin(self.heading)
+        for other in world.actors:
+            dx, dy = float(other.position[0]) - x, float(other.position[1]) - y
+            if abs(dx) < 4.0 and abs(dy) < 4.0 and isinstance(other, PathVehicle):
+                cos, sin = math.cos(other.heading), math.sin(other.heading)
+                along, across = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
+                if along < (other.LENGTH + self.WIDTH) / 2 and across < (other.WIDTH + self.WIDTH) / 2:
+                    return True
+        return False
 
     def step(self, dt: float) -> None:
         step = min(self.speed * dt, self.left_to_walk_m)

@@ -162,7 +162,7 @@ class Background:
             speed,
             speed,
             kind,
-            Look.draw(kind, rng),
+            Look.draw(kind, rng, world.draw.split),
             time_gap_s=float(rng.uniform(1.0, 1.5)),
             course=course,
         )
@@ -177,7 +177,7 @@ class Background:
         lateral = -(self.book.lanes[spot.lane].width / 2 + RIDES_BESIDE_M)
         speed = float(rng.uniform(*CYCLIST_MPS))
         station = course.station_of(spot.lane) + spot.s_m
-        look = Look.draw('cyclist', rng)
+        look = Look.draw('cyclist', rng, world.draw.split)
         actor = PathVehicle(course.path, station, speed, speed, 'cyclist', look, lateral_m=lateral, course=course)
         return self._add(world, actor, self.riders)
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.actors import Actor, corners_m
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.signals import StopSign
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.bev_channels import (
@@ -96,6 +95,8 @@ class BevRenderer:
         planes = {name: np.zeros_like(self.map) for name in MAP_LAYERS}
         for polygon in self.world.road.surfaces_m:
             cv2.fillPoly(planes['road'], [self._to_map(polygon)], 1, shift=SHIFT)
+        for polygon in self.world.road.islands_m:
+            cv2.fillPoly(planes['road'], [self._to_map(polygon)], 0, shift=SHIFT)
         thickness = max(1, round(LINE_STROKE_M * MAP_PIXELS_PER_M))
         for marking in self.world.road.markings:
             kind = marking.kind
@@ -118,7 +119,7 @@ class BevRenderer:
                 shift=SHIFT,
             )
         route = self._to_map(self.world.route.points_m)
-        wide = round(LANE_WIDTH_M * MAP_PIXELS_PER_M)
+        wide = round(self.world.scene.layout.lane_width_m * MAP_PIXELS_PER_M)
         cv2.polylines(planes['route_lane'], [route], isClosed=False, color=1, thickness=wide, shift=SHIFT)
         for name in MAP_LAYERS:
             self.map |= planes[name] << STATIC_CHANNELS.index(name)
@@ -142,26 +143,36 @@ class BevRenderer:
         cv2.fillConvexPoly(masks[EGO], _fixed(ego, to_pixels), 1, shift=SHIFT)
         self._draw_actors(masks, to_pixels)
         if world.lights or world.stop_signs:
-            for moment, age in enumerate(HISTORY_TICKS):
-                colours = world.light_history[min(age, len(world.light_history) - 1)]
-                self._draw_signals(masks, moment, colours, world.stop_signs, to_pixels)
+            for moment in range(len(HISTORY_TICKS)):
+                self._draw_signals(masks, moment, self._colours_then(moment), world.stop_signs, to_pixels)
         return masks.view(np.bool_)
 
     def render_seen(self, masks: NDArray[np.bool_], seen: Seen) -> NDArray[np.bool_]:
         """The masks that `render` has just returned, with only those actors, lights and signs that were seen."""
+        world = self.world
+        shown = [seen.actor(actor, moment) for actor, moment, _, _ in self.drawn]
+        moments = range(len(HISTORY_TICKS))
+        colours = [tuple(seen.light(index, moment) for index in range(len(world.lights))) for moment in moments]
+        signs = [[s for index, s in enumerate(world.stop_signs) if seen.sign(index, moment)] for moment in moments]
+        known = all(colours[m] == self._colours_then(m) and len(signs[m]) == len(world.stop_signs) for m in moments)
+        if known and all(shown):
+            # The same array, which `tick_messages` packs once.
+            return masks
         visible = np.zeros_like(masks, dtype=np.uint8)
         visible[: len(STATIC_CHANNELS)] = masks[: len(STATIC_CHANNELS)]
-        for actor, moment, channel, polygon in self.drawn:
-            if seen.actor(actor, moment):
+        for (_, _, channel, polygon), there in zip(self.drawn, shown, strict=True):
+            if there:
                 cv2.fillConvexPoly(visible[channel], polygon, 1, cv2.LINE_8, SHIFT)
-        world = self.world
         if world.lights or world.stop_signs:
             to_pixels = _pixels_from_map(*world.ego_history[0])
-            for moment in range(len(HISTORY_TICKS)):
-                colours = tuple(seen.light(index, moment) for index in range(len(world.lights)))
-                signs = [sign for index, sign in enumerate(world.stop_signs) if seen.sign(index, moment)]
-                self._draw_signals(visible, moment, colours, signs, to_pixels)
+            for moment in moments:
+                self._draw_signals(visible, moment, colours[moment], signs[moment], to_pixels)
         return visible.view(np.bool_)
+
+    def _colours_then(self, moment: int) -> tuple[str, ...]:
+        """The colours of the ego's lights at `HISTORY_TICKS[moment]`."""
+        history = self.world.light_history
+        return history[min(HISTORY_TICKS[moment], len(history) - 1)]
 
     def _warp_map(self, x: float, y: float, yaw: float) -> Mask:
         """The map's bit planes in the ego frame; nearest neighbour, because bit planes cannot be interpolated."""
@@ -226,7 +237,7 @@ class BevRenderer:
 
     def _bar(self, mask: Mask, s_m: float, to_pixels: Float64) -> None:
         x, y, yaw = self.world.route.pose(s_m)
-        bar = corners_m(x, y, yaw, 1.5, LANE_WIDTH_M)
+        bar = corners_m(x, y, yaw, 1.5, self.world.scene.layout.lane_width_m)
         cv2.fillConvexPoly(mask, _fixed(bar, to_pixels), 1, shift=SHIFT)
 
 

@@ -9,8 +9,17 @@ from raw2drive_ros.contracts.errors import LayoutError
 from raw2drive_ros.simulation.draws import Draw
 from raw2drive_ros.simulation.layout import Junction, RoadLayout
 from raw2drive_ros.simulation.road_builder import build_road
-from raw2drive_ros.simulation.scenario import ActorSpec, Scene, TrafficSpec
-from raw2drive_ros.simulation.scripts import Script
+from raw2drive_ros.simulation.scenario import (
+    AcrossJunction,
+    ActorSpec,
+    AlongRoad,
+    CarSpec,
+    FlowSpec,
+    Place,
+    Scene,
+    TrafficSpec,
+)
+from raw2drive_ros.simulation.scripts import Pacing, Script
 
 DRAWS_PER_LINK = 40
 
@@ -49,7 +58,7 @@ def draw_chain(whole: Draw, draws: Sequence[Callable[[Draw], Scene]], length_m: 
             except LayoutError:
                 continue
             road = build_road(scene.layout)
-            links.append(Link(scene, road.forward_path().length_m, road.backward_path().length_m))
+            links.append(Link(scene, road.forward_path().end_s_m, road.backward_path().end_s_m))
             last = index
             break
         else:
@@ -76,6 +85,8 @@ def joined(links: Sequence[Link]) -> Scene:
             lights=found.lights + tuple(replace(x, junction=x.junction + junctions) for x in scene.lights),
             stop_signs=found.stop_signs + tuple(replace(x, junction=x.junction + junctions) for x in scene.stop_signs),
             disturbances=found.disturbances + tuple(replace(x, s_m=x.s_m + begin) for x in scene.disturbances),
+            later_events_s_m=found.later_events_s_m + tuple((a + begin, b + begin) for a, b in scene.events_s_m),
+            background=found.background or scene.background,
         )
         zebras += [s_m + begin for s_m in scene.layout.zebras_m]
         junctions += sum(isinstance(piece, Junction) for piece in scene.layout.pieces)
@@ -106,6 +117,18 @@ class _Shift:
     link: Link
 
     def actor(self, spec: ActorSpec) -> ActorSpec:
+        starts_m = self.begin_m + self.link.scene.route.start_s_m if self.begin_m else 0.0
+        if isinstance(spec, FlowSpec):
+            ends_m = self.begin_m + self.link.forward_m
+            return replace(spec, place=self._place(spec.place), from_s_m=starts_m, until_s_m=ends_m)
+        if isinstance(spec, CarSpec):
+            return replace(
+                spec,
+                place=self._place(spec.place),
+                scripts=tuple(self._script(script) for script in spec.scripts),
+                pacing=self._pacing(spec.pacing),
+                waits_for_s_m=starts_m,
+            )
         if not isinstance(spec, TrafficSpec):
             return replace(spec, s_m=spec.s_m + self.begin_m)
         # A path across a junction begins at the far end of an arm, so it does not depend on where the link begins.
@@ -119,10 +142,21 @@ class _Shift:
             s_m=spec.s_m + shift,
             scripts=tuple(self._script(script) for script in spec.scripts),
             junction=spec.junction + self.junctions,
-            pacing=spec.pacing and replace(spec.pacing, until_s_m=spec.pacing.until_s_m + self.begin_m),
-            waits_for_s_m=self.begin_m + self.link.scene.route.start_s_m if self.begin_m else 0.0,
+            pacing=self._pacing(spec.pacing),
+            waits_for_s_m=starts_m,
             ends_at_s_m=ends,
         )
+
+    def _pacing(self, pacing: Pacing | None) -> Pacing | None:
+        return pacing and replace(pacing, until_s_m=pacing.until_s_m + self.begin_m)
+
+    def _place(self, place: Place) -> Place:
+        """Raises ValueError for a place on an on-ramp: chains have none."""
+        if isinstance(place, AlongRoad):
+            return replace(place, at_m=place.at_m + self.begin_m)
+        if isinstance(place, AcrossJunction):
+            return replace(place, junction=place.junction + self.junctions)
+        raise ValueError('a chain has no on-ramps')
 
     def _script(self, script: Script) -> Script:
         at, due = script.ego_at_s_m, script.ego_due

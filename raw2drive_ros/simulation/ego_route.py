@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from raw2drive_ros.contracts.public import Float64
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
-from raw2drive_ros.simulation.path import SPACING_M, Path, smooth_step
+from raw2drive_ros.simulation.path import Path, smooth_step
 from raw2drive_ros.simulation.roads import RoadMap
 from raw2drive_ros.simulation.scenario import LaneChange, Scene
 
@@ -29,19 +28,24 @@ def route_path(scene: Scene, road: RoadMap) -> Path:
             raise ValueError(f'RouteSpec: lane changes need straight road, here at {change.s_m:.0f} m')
     if not spec.changes:
         return path
-    shifted = path.shifted(lambda s_m: offset_m(spec.lane, base, spec.changes, s_m))
+    shifted = path.shifted(lambda s_m: offset_m(spec.lane, base, spec.changes, s_m, scene.layout.lane_width_m))
     if not spec.to_exit:
         return shifted
     away = road.exit_path()
     end_s_m, _ = shifted.project(float(away.points_m[0, 0]), float(away.points_m[0, 1]))
-    return Path(np.concatenate([shifted.points_m[: int(end_s_m / SPACING_M)], away.points_m]))
+    points = np.concatenate([shifted.points_m[: shifted.index_at(end_s_m)], away.points_m])
+    whole = Path(points, shifted.start_s_m)
+    whole.end_s_m = whole.length_m - (away.length_m - away.end_s_m)
+    return whole
 
 
-def offset_m(start_lane: float, base_lane: float, changes: tuple[LaneChange, ...], s_m: float) -> float:
+def offset_m(
+    start_lane: float, base_lane: float, changes: tuple[LaneChange, ...], s_m: float, lane_width_m: float
+) -> float:
     """Lateral offset (left positive) from lane `base_lane` after starting in `start_lane` and making `changes`."""
-    lane, offset = start_lane, -(start_lane - base_lane) * LANE_WIDTH_M
+    lane, offset = start_lane, -(start_lane - base_lane) * lane_width_m
     for change in changes:
-        offset -= (change.to_lane - lane) * LANE_WIDTH_M * smooth_step(s_m, change.s_m, change.over_m)
+        offset -= (change.to_lane - lane) * lane_width_m * smooth_step(s_m, change.s_m, change.over_m)
         lane = change.to_lane
     return offset
 

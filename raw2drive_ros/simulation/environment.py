@@ -22,12 +22,15 @@ from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
 from raw2drive_ros.simulation.draws import Draw, Rng, rng_for
-from raw2drive_ros.simulation.privileged_view import PrivilegedView, Visibility
+from raw2drive_ros.simulation.id_painter import IdPainter
+from raw2drive_ros.simulation.privileged_view import PrivilegedView
+from raw2drive_ros.simulation.protocol import PAIRS
 from raw2drive_ros.simulation.renderer import CameraRenderer
 from raw2drive_ros.simulation.reward import Outcome, RewardModel
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.variation import NO_VARIATION, Variation, picture_rng
+from raw2drive_ros.simulation.visibility import Visibility
 from raw2drive_ros.simulation.weather import CLEAR, get_weather
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ, DECISION_NS, PHYSICS_HZ, PHYSICS_NS, SUBSTEPS
@@ -39,9 +42,10 @@ CLOCK_START_NS = 1_000_000_000
 class SimulationConfig:
     """image_size: (height, width). supersampling: 1 or 2. imu_noise: standard deviations of accelerometer (m/s2) and
     gyroscope (rad/s). end_on_infraction: end the episode at the first collision, red light or stop sign that was run,
-    as the paper does for training; otherwise the drive goes on after lights and signs, as in Bench2Drive. vary: draw
+    as the paper does for training; otherwise the drive goes on, after collisions too, as in Bench2Drive. vary: draw
     exposure, camera mounting, ground colours and sun anew for every episode (`variation.Variation`); repetitions of a
-    route always do.
+    route always do. protocol: see `simulation.protocol`. visibility: keep `DrivingEnv.visibility`; default: with
+    cameras or BEV masks.
     """
 
     image_size: tuple[int, int] = (96, 160)
@@ -51,6 +55,13 @@ class SimulationConfig:
     imu_noise: tuple[float, float] = (0.0, 0.0)
     end_on_infraction: bool = True
     vary: bool = False
+    protocol: str = PAIRS
+    visibility: bool | None = None
+
+    @property
+    def sees(self) -> bool:
+        """Whether the environment keeps account of what its cameras (would) see."""
+        return self.cameras or self.bev if self.visibility is None else self.visibility
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,14 +82,16 @@ class DrivingEnv(AbstractEnv):
     """`reset(seed=..., options={'scenario': name})` or `reset_to(route)`, then `step(control)`; each returns a `Tick`.
 
     motion: longitudinal and lateral acceleration (m/s2) and yaw rate (rad/s) of every physics step of the episode.
+    visibility: what the cameras see and have seen in this episode, None where `SimulationConfig.sees` is off.
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
         self.simulation = config or SimulationConfig()
         self.rig: tuple[CameraCalibration, ...] = camera_rig(*self.simulation.image_size)
         self.renderer = CameraRenderer(self.rig, self.simulation.supersampling)
-        self.world: World | None = None
+        self.id_painter = IdPainter(self.rig, self.simulation.supersampling)
         self.visibility: Visibility | None = None
+        self.world: World | None = None
         self.clock_ns = CLOCK_START_NS - DECISION_NS
         self.noise_rng: Rng = np.random.default_rng(0)
         gym.Env.__init__(self)
@@ -117,11 +130,10 @@ class DrivingEnv(AbstractEnv):
         self.road = Road(self.world.road.network, [self.world.ego], [], np.random.RandomState(seed % 2**32))
         self.controlled_vehicles = [self.world.ego]
         self.noise_rng = draw.rng
-        self.criteria = Criteria(chosen.get('time_limit_s'))
+        self.criteria = Criteria(chosen.get('time_limit_s'), self.simulation.protocol)
         self.criteria.step(self.world)
         self.rewards = RewardModel(self.world)
-        if self.simulation.cameras:
-            self._new_pictures(self.world)
+        self._new_pictures(self.world)
         self.bev = BevRenderer(self.world) if self.simulation.bev else None
         self.view = None if self.bev is None else PrivilegedView(self.world, self.bev)
         self.clock_ns += DECISION_NS
@@ -161,9 +173,9 @@ class DrivingEnv(AbstractEnv):
             odometries.append(odometry)
             self.motion.append((*self.world.ego.acceleration_body, self.world.ego.yaw_rate))
         happened = self.criteria.step(self.world)
-        outcome = self.rewards.step(self.world, happened)
+        outcome = self.rewards.step(self.world, happened, self.criteria.step_outside_m)
         self.reward_sum += outcome.reward
-        terminated, truncated = self._ends(outcome, happened)
+        terminated, truncated = self._ends(outcome)
         self.done = terminated or truncated
         transition = Transition(
             self.clock_ns,
@@ -184,13 +196,20 @@ class DrivingEnv(AbstractEnv):
         return tick, outcome.reward, terminated, truncated, info
 
     def _new_pictures(self, world: World) -> None:
-        """Prepare the renderer. Weather and variation have a generator of their own, so physics do not change."""
+        """Prepare all that looks at the world. Weather and variation have their own generator, so physics stay."""
         rng = picture_rng(self.route_id)
         varies = self.simulation.vary or self.route_id.repetition > 0
         variation = Variation.draw(rng, len(self.rig)) if varies else NO_VARIATION
-        self.renderer.new_world(world, self.weather, variation, rng)
+        if self.simulation.cameras:
+            self.renderer.counting = self.simulation.sees
+            self.renderer.new_world(world, self.weather, variation, rng)
+        self.visibility = None
+        if self.simulation.sees:
+            self.id_painter.new_world(world, self.weather, variation)
+            height, width = self.simulation.image_size
+            self.visibility = Visibility(self.weather, len(self.rig), height * width)
 
-    def _ends(self, outcome: Outcome, happened: list[str]) -> tuple[bool, bool]:
+    def _ends(self, outcome: Outcome) -> tuple[bool, bool]:
         """(terminated, truncated)."""
         assert self.world is not None
         if outcome.truncated or self.criteria.finished(self.world):
@@ -199,8 +218,7 @@ class DrivingEnv(AbstractEnv):
             if outcome.terminal:
                 return True, False
             return False, bool(self.criteria.failure)
-        collided = any(name.startswith('collision') for name in happened)
-        return collided or bool(self.criteria.failure), False
+        return bool(self.criteria.failure), False
 
     def _sample(self, stamp_ns: int) -> tuple[ImuSample, OdometrySample]:
         assert self.world is not None
@@ -211,6 +229,15 @@ class DrivingEnv(AbstractEnv):
             noise = tuple(drawn * ([accelerometer] * 3 + [gyroscope] * 3))
         return self.world.ego.imu(stamp_ns, noise), self.world.ego.odometry(stamp_ns)
 
+    def _look(self, world: World) -> None:
+        """Bring `visibility` up to date; without cameras by an id buffer of its own."""
+        if self.visibility is None:
+            return
+        counts, signals = self.renderer.counts, self.renderer.signal_counts
+        if not self.simulation.cameras or counts is None or signals is None:
+            counts, signals = self.id_painter.count()
+        self.visibility.update(world, counts, signals)
+
     def _tick(
         self,
         imus: tuple[ImuSample, ...],
@@ -220,6 +247,7 @@ class DrivingEnv(AbstractEnv):
     ) -> Tick:
         assert self.world is not None
         images = self.renderer.render() if self.simulation.cameras else {}
+        self._look(self.world)
         privileged = None if self.view is None else self.view.frame(self.clock_ns, self.visibility)
         sensors = SensorFrame(self.clock_ns, images, imus[-1], odometries[-1])
         return Tick(self.clock_ns, sensors, imus, odometries, self.route, privileged, transition, info)

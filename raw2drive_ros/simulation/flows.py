@@ -214,7 +214,7 @@ class Flow:
             spec.speed_mps,
             spec.speed_mps * (1.0 if self.leads else IDM_SLACK),
             spec.kind,
-            Look.draw(spec.kind, rng),
+            Look.draw(spec.kind, rng, world.draw.split),
             lateral_m=spec.lateral_m,
             time_gap_s=TIGHT_GAP_S,
             course=self.course,

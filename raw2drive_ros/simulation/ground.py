@@ -20,6 +20,12 @@ LEVELS = 4
 # Pixels of the first level in one of the last.
 COARSEST = 2 ** (LEVELS - 1)
 FAR_M = 110.0
+# Coordinate of the ground points of pixels that show none within `FAR_M`.
+NOWHERE_M = 1e5
+# Where neighbouring image pixels show points that are closer than this, one sample per pixel is enough.
+COARSE_M = 0.35
+# Matrices of the warps lead from pixels of the frame to pixels of the texture.
+WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 # Distance assumed for everything beyond `FAR_M`.
 HORIZON_M = 165.0
 GRASS, SIDEWALK, ASPHALT = (86, 110, 62), (150, 148, 142), (72, 72, 76)
@@ -36,9 +42,9 @@ Rgb = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class PaintedGround:
-    """pyramid: RGBI textures, each half as wide as the one before; rows grow with y (I is the number of the thing that
-    a pixel belongs to, see `renderer`: 0, nothing; OpenCV remaps four channels in half the time of three). origin_m:
-    (2,) `map` position of the centre of pixel (0, 0) of the first level. beyond: (3,) RGB outside the texture."""
+    """pyramid: RGBX textures, each half as wide as the one before; rows grow with y (the fourth channel is 0, nobody's
+    number in the id buffer; OpenCV remaps four channels in half the time of three). origin_m: (2,) `map` position of
+    the centre of pixel (0, 0) of the first level. beyond: (3,) RGB outside the texture."""
 
     pyramid: list[Rgb]
     origin_m: Float64
@@ -69,6 +75,8 @@ def paint_ground(
         cv2.fillPoly(texture, [pixels(polygon)], sidewalk.tolist(), shift=SHIFT)
     for polygon in road.surfaces_m:
         cv2.fillPoly(texture, [pixels(polygon)], asphalt.tolist(), shift=SHIFT)
+    for polygon in road.islands_m:
+        cv2.fillPoly(texture, [pixels(polygon)], grass.tolist(), shift=SHIFT)
     for marking in road.markings:
         kind = marking.kind.removesuffix('_dashed')
         if kind == 'zebra':
@@ -98,6 +106,11 @@ def paint_ground(
     if not variation.tone_curve_is_identity or (light != 1.0).any():
         table = variation.tone_mapped(np.arange(256.0)[:, None] * light)
         texture = cv2.LUT(texture, np.round(table)[:, None].astype(np.uint8))
+    return PaintedGround(_pyramid(texture), origin, variation.tone_mapped(grass * light))
+
+
+def _pyramid(texture: Rgb) -> list[Rgb]:
+    """All levels of a texture, with a fourth channel of zeros."""
     first = cv2.cvtColor(texture, cv2.COLOR_RGB2RGBA)
     first[..., 3] = 0
     pyramid = [first]
@@ -105,7 +118,7 @@ def paint_ground(
         last = pyramid[-1]
         half = (last.shape[1] // 2, last.shape[0] // 2)
         pyramid.append(cv2.resize(last, half, interpolation=cv2.INTER_AREA))
-    return PaintedGround(pyramid, origin, variation.tone_mapped(grass * light))
+    return pyramid
 
 
 @cache
@@ -146,25 +159,42 @@ def _dashes(points_m: Float64) -> list[Float64]:
 
 @dataclass(slots=True)
 class _Band:
-    """Rows of one camera that sample the same pyramid level."""
+    """Rows of one camera that sample the same pyramid level. step: a sample stands for so many pixels, along each axis.
+    from_sample: (3, 3), column and row of a sample within the band to a homogeneous ground point in the ego frame."""
 
     camera: int
     first_row: int
     last_row: int
     level: int
+    step: int
+    from_sample: Float64
+
+
+@dataclass(slots=True)
+class _View:
+    """What one camera sees of the ground. ego_xy: (R, W, 2) ground points of its rows from `first_row` on. far_rows:
+    so many of them hold points beyond `FAR_M` or above the horizon; far: (far_rows, W) bool, which."""
+
+    first_row: int
+    ego_xy: NDArray[np.float32]
+    far_rows: int
+    far: NDArray[np.bool_]
+    gain: Rgb | None = None
+    veil: Rgb | None = None
 
 
 class GroundProjector:
-    """The ground point that each pixel of a rig sees, in the ego frame; computed once per calibration."""
+    """Draws the ground into the frames of a rig: per camera and pyramid level one perspective warp of the texture."""
 
     def __init__(self, cameras: tuple[CameraCalibration, ...], scale: int) -> None:
         self.cameras = cameras
         self.bands: list[_Band] = []
-        maps: dict[int, list[NDArray[np.float32]]] = {level: [] for level in range(LEVELS)}
-        self.first_rows: list[int] = []
+        self.views: list[_View] = []
         for index, camera in enumerate(cameras):
             ego_xy, footprint, first = _ground_rays(camera, scale)
-            self.first_rows.append(first)
+            far = ego_xy[..., 0] >= NOWHERE_M
+            far_rows = int(np.flatnonzero(far.any(axis=1)).max(initial=-1)) + 1
+            self.views.append(_View(first, ego_xy, far_rows, far[:far_rows]))
             if not len(ego_xy):
                 continue
             wanted = np.clip(np.floor(np.log2(np.maximum(footprint * PIXELS_PER_M, 1.0))), 0, LEVELS - 1)
@@ -173,76 +203,93 @@ class GroundProjector:
             for level in range(LEVELS):
                 rows = np.flatnonzero(level_of_row == level)
                 if len(rows):
-                    start, end = int(rows[0]), int(rows[-1]) + 1
-                    self.bands.append(_Band(index, first + start, first + end, level))
-                    maps[level].append(ego_xy[start:end])
-        self.maps = {level: np.concatenate(parts) for level, parts in maps.items() if parts}
-        # Buffers, overwritten in every frame: allocating them each time costs as much as the projection.
-        self._where = {level: np.empty_like(ego_xy) for level, ego_xy in self.maps.items()}
-        self._colours = {level: np.empty((*m.shape[:2], 4), np.uint8) for level, m in self.maps.items()}
-        self._gains: dict[int, Rgb] = {}
-        self._veils: dict[int, Rgb] = {}
+                    self._add_bands(index, first + int(rows[0]), first + int(rows[-1]) + 1, level, scale)
+
+    def _add_bands(self, index: int, start: int, end: int, level: int, scale: int) -> None:
+        """The rows from `start` to `end`; those near the car in steps of image pixels."""
+        camera = self.cameras[index]
+        near = end
+        if level == 0:
+            # Row below which a step of one image pixel is at most `COARSE_M` along the view ray.
+            focal, height = camera.intrinsics[1, 1], camera.base_from_camera[2, 3]
+            row = camera.intrinsics[1, 2] + math.sqrt(focal * height / COARSE_M)
+            near = min(max(math.ceil(row) * scale, -(-start // scale) * scale), end)
+        for first, last, step in ((start, near, 1), (near, end, scale)):
+            if first < last:
+                self.bands.append(
+                    _Band(index, first, last, level, step, _ground_from_sample(camera, scale, first, step))
+                )
+
+    @property
+    def first_rows(self) -> list[int]:
+        """Per camera: the first row that shows the ground."""
+        return [view.first_row for view in self.views]
 
     def light(self, weather: Weather, variation: Variation) -> None:
         """Set the effect of fog, wet road and headlights on the colours of `paint_ground`, per pixel."""
-        self._gains, self._veils = {}, {}
-        if np.isinf(weather.fog_m) and not weather.wet and not weather.headlights:
-            return
+        plain = np.isinf(weather.fog_m) and not weather.wet and not weather.headlights
         air = variation.tone_mapped(np.array(weather.sky_horizon))
-        for level, ego_xy in self.maps.items():
-            reach, height = self._reach_m(level, ego_xy)
+        for view, camera in zip(self.views, self.cameras, strict=True):
+            view.gain = view.veil = None
+            if plain or not len(view.ego_xy):
+                continue
+            position = camera.base_from_camera[:3, 3]
+            delta = view.ego_xy - position[:2]
+            reach = np.minimum(np.hypot(np.hypot(delta[..., 0], delta[..., 1]), position[2]), HORIZON_M)
             clear = np.exp(-reach / weather.fog_m)
-            grazing = np.clip(1.0 - height / reach, 0.0, 1.0)
-            mirror = WET_MIRROR * weather.wet * grazing**4
-            lit = (weather.light + weather.beam(ego_xy)) / (weather.light + weather.headlights)
+            mirror = WET_MIRROR * weather.wet * np.clip(1.0 - position[2] / reach, 0.0, 1.0) ** 4
+            lit = (weather.light + weather.beam(view.ego_xy)) / (weather.light + weather.headlights)
             gain = lit**variation.gamma * clear * (1.0 - mirror)
             veil = 1.0 - clear * (1.0 - mirror)
-            self._gains[level] = np.repeat(np.round(255.0 * gain)[..., None], 4, axis=2).astype(np.uint8)
-            self._veils[level] = np.round(veil[..., None] * np.append(air, 0.0)).astype(np.uint8)
-
-    def _reach_m(self, level: int, ego_xy: NDArray[np.float32]) -> tuple[Float64, Float64]:
-        """((R, W) distance of each ground point from its camera, (R, 1) height of that camera)."""
-        rows = [(band.last_row - band.first_row, band.camera) for band in self.bands if band.level == level]
-        cameras = np.repeat([index for _, index in rows], [count for count, _ in rows])
-        position = np.array([camera.base_from_camera[:3, 3] for camera in self.cameras])[cameras][:, None]
-        delta = ego_xy - position[..., :2]
-        reach = np.hypot(np.hypot(delta[..., 0], delta[..., 1]), position[..., 2])
-        return np.minimum(reach, HORIZON_M), position[..., 2]
+            view.gain = np.repeat(np.round(255.0 * gain)[..., None], 4, axis=2).astype(np.uint8)
+            view.veil = np.round(veil[..., None] * np.append(air, 0.0)).astype(np.uint8)
 
     def draw(self, frames: Rgb, ground: PaintedGround, pose: tuple[float, float, float]) -> None:
         """Paint the ground into all frames (cameras, H, W, 4), in place."""
         x, y, yaw = pose
         cos, sin = math.cos(yaw), math.sin(yaw)
-        for level, ego_xy in self.maps.items():
+        width = frames.shape[2]
+        beyond = (*ground.beyond.tolist(), 0.0)
+        to_level = []
+        for level in range(LEVELS):
             scale = PIXELS_PER_M / 2**level
             # The centre of pixel 0 of a level lies between the pixels 0 and 2**level - 1 of the first one.
             shift = 0.5 * (0.5**level - 1.0)
-            affine = np.array(
-                [
-                    [scale * cos, -scale * sin, (x - ground.origin_m[0]) * scale + shift],
-                    [scale * sin, scale * cos, (y - ground.origin_m[1]) * scale + shift],
-                ]
+            column, row = (x - ground.origin_m[0]) * scale + shift, (y - ground.origin_m[1]) * scale + shift
+            to_level.append(
+                np.array([[scale * cos, -scale * sin, column], [scale * sin, scale * cos, row], [0.0, 0.0, 1.0]])
             )
-            where, colours = self._where[level], self._colours[level]
-            cv2.transform(ego_xy, affine, where)
-            cv2.remap(
-                ground.pyramid[level],
-                where,
-                None,
-                cv2.INTER_LINEAR,
-                colours,
-                cv2.BORDER_CONSTANT,
-                ground.beyond.tolist(),
-            )
-            if self._gains:
-                cv2.multiply(colours, self._gains[level], colours, 1.0 / 255.0)
-                cv2.add(colours, self._veils[level], colours)
-        taken = dict.fromkeys(self.maps, 0)
         for band in self.bands:
-            rows = band.last_row - band.first_row
-            start = taken[band.level]
-            frames[band.camera, band.first_row : band.last_row] = self._colours[band.level][start : start + rows]
-            taken[band.level] = start + rows
+            rows = frames[band.camera, band.first_row : band.last_row]
+            seen = cv2.warpPerspective(
+                ground.pyramid[band.level],
+                to_level[band.level] @ band.from_sample,
+                (width // band.step, len(rows) // band.step),
+                rows if band.step == 1 else None,
+                WARP,
+                cv2.BORDER_CONSTANT,
+                beyond,
+            )
+            if band.step > 1:
+                cv2.resize(seen, (width, len(rows)), rows, 0, 0, cv2.INTER_NEAREST)
+        for frame, view in zip(frames, self.views, strict=True):
+            rows = frame[view.first_row :]
+            if view.far_rows:
+                rows[: view.far_rows][view.far] = beyond
+            if view.gain is not None:
+                cv2.multiply(rows, view.gain, rows, 1.0 / 255.0)
+                cv2.add(rows, view.veil, rows)
+
+
+def _ground_from_sample(camera: CameraCalibration, scale: int, first_row: int, step: int) -> Float64:
+    """See `_Band`: the inverse of the projection of the plane z = 0."""
+    intrinsics = camera.intrinsics * np.array([[scale], [scale], [1.0]])
+    rotation, position = camera.base_from_camera[:3, :3], camera.base_from_camera[:3, 3]
+    # Ground points (x, y, 1) in the optical frame: rotation.T @ ((x, y, 0) - position).
+    plane = rotation.T @ np.column_stack([np.eye(3)[:, :2], -position])
+    centres = np.array([[step, 0.0, 0.5 * step], [0.0, step, first_row + 0.5 * step], [0.0, 0.0, 1.0]])
+    inverse: Float64 = np.linalg.inv(intrinsics @ plane) @ centres
+    return inverse / np.abs(inverse).max()
 
 
 def _ground_rays(camera: CameraCalibration, scale: int) -> tuple[NDArray[np.float32], Float64, int]:
@@ -267,7 +314,7 @@ def _ground_rays(camera: CameraCalibration, scale: int) -> tuple[NDArray[np.floa
     distance = np.hypot(ground[..., 0] - position[0], ground[..., 1] - position[1])
     visible = (falling > 1e-6) & (distance < FAR_M)
     first = int(np.argmax(visible.any(axis=1))) if visible.any() else len(visible)
-    ground[distance > FAR_M] = 1e5
+    ground[(distance > FAR_M) | (falling <= 1e-6)] = NOWHERE_M
     # Geometric mean of the footprints across and along the view ray, halved by the supersampling later.
     across = distance / intrinsics[0, 0]
     along = distance * distance / (intrinsics[1, 1] * position[2])

@@ -1,4 +1,4 @@
-"""One lane class for straights and arcs, in plain `math`: highway-env's own lanes spend their time on numpy scalars."""
+"""Lanes: straights and arcs in plain `math` (highway-env's own spend their time on numpy scalars), and any line."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from highway_env.road.lane import AbstractLane, LineType
 
 from raw2drive_ros.contracts.public import Float64
+from raw2drive_ros.simulation.path import Path
 
 
 class ArcLane(AbstractLane):
@@ -15,7 +16,7 @@ class ArcLane(AbstractLane):
 
     start_m: (x, y) of the centre line's start in `map`. curvature: 1/m, positive turns left. junction: number of the
     junction that the lane crosses, -1 outside of junctions. to_lane: index of the lane that it leads into on the next
-    edge; None: of the same index.
+    edge; None: of the same index; from_lane: of the lane on the edge before.
     """
 
     forbidden = False
@@ -39,6 +40,7 @@ class ArcLane(AbstractLane):
         self.line_types = [LineType.NONE, LineType.NONE]
         self.junction = -1
         self.to_lane: int | None = None
+        self.from_lane: int | None = None
 
     def pose(self, longitudinal: float, lateral: float = 0.0) -> tuple[float, float, float]:
         """(x, y, yaw) in `map`."""
@@ -97,3 +99,34 @@ class ArcLane(AbstractLane):
     @classmethod
     def from_config(cls, config: dict[str, object]) -> ArcLane:
         return cls(**config)  # type: ignore[arg-type]
+
+
+class PolyLane(ArcLane):
+    """A lane along any smooth line. points_m: (N, 2), at most a metre apart. `curvature` is its mean."""
+
+    def __init__(self, points_m: Float64, width_m: float, speed_limit_mps: float) -> None:
+        self.line = Path(points_m)
+        length = float(np.hypot(*np.diff(points_m, axis=0).T).sum())
+        turn = float(self.line.headings_rad[-1] - self.line.headings_rad[0])
+        start = (float(points_m[0, 0]), float(points_m[0, 1]))
+        super().__init__(start, float(self.line.headings_rad[0]), length, turn / length, width_m, speed_limit_mps)
+
+    def pose(self, longitudinal: float, lateral: float = 0.0) -> tuple[float, float, float]:
+        return self.line.pose(longitudinal, lateral)
+
+    def local_coordinates(self, position: Float64) -> tuple[float, float]:
+        return self.line.project(float(position[0]), float(position[1]))
+
+    def heading_at(self, longitudinal: float) -> float:
+        return self.line.pose(longitudinal)[2]
+
+
+def blend_m(begin: tuple[float, float, float], end: tuple[float, float, float], spacing_m: float = 0.5) -> Float64:
+    """(N, 2) points of a cubic Bezier curve between two poses (x, y, yaw); close to an arc where an arc fits."""
+    reach = 0.39 * math.hypot(end[0] - begin[0], end[1] - begin[1])
+    a, d = np.array(begin[:2]), np.array(end[:2])
+    b = a + reach * np.array((math.cos(begin[2]), math.sin(begin[2])))
+    c = d - reach * np.array((math.cos(end[2]), math.sin(end[2])))
+    count = max(4, math.ceil(3.0 * reach / spacing_m))
+    t = np.linspace(0.0, 1.0, count + 1)[:, None]
+    return (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d

@@ -6,18 +6,23 @@ import math
 from dataclasses import dataclass
 
 LANE_WIDTH_M = 3.5
-ARM_LENGTH_M = 60.0
+# Longest arm of a junction, and road before and beyond the chain: cars come and go out of sight.
+ARM_LENGTH_M, LEAD_M = 110.0, 100.0
 CORNER_RADIUS_M = 7.0
+MAX_SKEW_RAD = 0.65
+DROP_BEFORE_M = 150.0
 
 
 @dataclass(frozen=True, slots=True)
 class Straight:
     """A straight piece. ramp: with an acceleration lane on the right, fed by an on-ramp. exit: with a deceleration
-    lane on the right that leads to an off-ramp."""
+    lane on the right that leads to an off-ramp. drop: with an added lane on the right that ends, and that comes beside
+    the road from `DROP_BEFORE_M` before the piece; what precedes it has to be straight for so long."""
 
     length_m: float
     ramp: bool = False
     exit: bool = False
+    drop: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +37,19 @@ class Curve:
 class Junction:
     """A junction that the chain leaves by `turn`.
 
-    arms: all arms but the one that the chain enters by. control: none, light, stop or yield.
+    arms: all arms but the one that the chain enters by. control: none, light, stop or yield. priority: which road has
+    the right of way where no light says so: chain, cross, or '' (the crossing one where there are signs, else nobody).
+    angles: (arm, deviation in rad) of arms that do not meet at a right angle, left positive. corner_m: radius of the
+    kerbs. island_m: radius of the island of a roundabout, 0 without one; whoever is on the ring goes first.
     """
 
     turn: str = 'ahead'
     arms: tuple[str, ...] = ('left', 'right', 'ahead')
     control: str = 'none'
+    priority: str = ''
+    angles: tuple[tuple[str, float], ...] = ()
+    corner_m: float = CORNER_RADIUS_M
+    island_m: float = 0.0
 
     def __post_init__(self) -> None:
         known = {'left', 'right', 'ahead'}
@@ -45,6 +57,24 @@ class Junction:
             raise ValueError(f'Junction: turn {self.turn!r} must be one of arms {self.arms}, all in {known}')
         if self.control not in ('none', 'light', 'stop', 'yield'):
             raise ValueError(f'Junction: unknown control {self.control!r}')
+        if self.priority not in ('', 'chain', 'cross'):
+            raise ValueError(f'Junction: unknown priority {self.priority!r}')
+        if any(arm not in self.arms or abs(angle) > MAX_SKEW_RAD for arm, angle in self.angles):
+            raise ValueError(f'Junction: angles {self.angles}: arms of {self.arms}, at most {MAX_SKEW_RAD} rad')
+
+    def main_arms(self) -> tuple[str, ...]:
+        """Arms of the road with the right of way; () where all are equal, and on roundabouts."""
+        if self.island_m:
+            return ()
+        if self.priority == 'chain':
+            return 'back', self.turn
+        if self.priority == 'cross' or self.control in ('stop', 'yield'):
+            return 'left', 'right'
+        return ()
+
+    def deviation_rad(self, arm: str) -> float:
+        """By how much an arm deviates from a right angle, or from straight ahead."""
+        return dict(self.angles).get(arm, 0.0)
 
 
 def turn_length_m(turn: str, lanes: int = 1, lane: int = 0) -> float:
@@ -71,3 +101,4 @@ class RoadLayout:
     speed_limit_mps: float = 10.0
     shoulder_m: float = 0.5
     zebras_m: tuple[float, ...] = ()
+    lane_width_m: float = LANE_WIDTH_M

@@ -1,7 +1,7 @@
 """Finds the leading actor on each vehicle's path.
 
 One search for all vehicles at once, at the decision rate, because this takes most of the time of a physics step: the
-front of each vehicle is moved along its path in steps of a metre, and tested against the boxes of the actors nearby.
+front of each vehicle is moved along its path in steps of `STEP_M`, and tested against the boxes of the actors nearby.
 """
 
 from __future__ import annotations
@@ -24,13 +24,19 @@ LOOK_AHEAD_M = 50.0
 MARGIN_M = 0.3
 ALIGNED_COS = 0.75
 STANDING_MPS = 0.5
-STRIDE = round(1.0 / SPACING_M)
-STEPS = int(LOOK_AHEAD_M)
+# Distance between the places along its way at which a vehicle's front is tested.
+STEP_M = 2.0
+HALF_STEP_M = STEP_M / 2
+STRIDE = round(STEP_M / SPACING_M)
+STEPS = int(LOOK_AHEAD_M / STEP_M)
+# Paths are known this far beyond their ends.
+BEYOND_END_M = 100.0
 NO_HIT = 10_000
 # Actors farther behind a vehicle's centre than this, as the vehicle looks, cannot be on its way.
 BEHIND_M = 8.0
-# Nearer than this, refine the first hit to where the surfaces meet; across, the grid of a metre has to do.
-REFINE_COS = 0.7
+HEAD_ON_COS = -0.7
+# Vehicles brake for where a walker will be within this time.
+WALK_AHEAD_S = 2.0
 NOBODY = (math.inf, 0.0, -1)
 
 Ints = NDArray[Any]
@@ -51,6 +57,11 @@ class PathBank:
         if found is None:
             yaw = path.headings_rad
             new = np.column_stack([path.points_m, np.cos(yaw), np.sin(yaw)])
+            # Straight on beyond the end, as `Path.pose` goes on: vehicles leave where nobody sees it.
+            beyond = np.arange(1, round(BEYOND_END_M / SPACING_M) + 1)[:, None] * SPACING_M
+            end = np.tile(new[-1], (len(beyond), 1))
+            end[:, :2] += beyond * new[-1, 2:]
+            new = np.concatenate([new, end])
             found = self.rows[id(path)] = (len(self.table), len(self.table) + len(new) - 1)
             self.paths.append(path)
             self.table = np.concatenate([self.table, new])
@@ -93,34 +104,46 @@ def _search(world: World, followers: Sequence[PathVehicle], rows: Ints, one: Int
     x, y, cos, sin = (samples[one, :, k] for k in range(4))
     yaw = world.headings[other]
     other_cos, other_sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    dx, dy = x - world.positions[other, 0, None], y - world.positions[other, 1, None]
+    # Who walks takes up the way ahead, too.
+    half_walk = (0.5 * WALK_AHEAD_S * np.where(world.walks, world.speeds, 0.0))[other][:, None]
+    dx = x - world.positions[other, 0, None] - half_walk * other_cos
+    dy = y - world.positions[other, 1, None] - half_walk * other_sin
     # In the frame of the other actor, a cross-section of the follower reaches `across` * half its width from its
     # middle along the length of the other, and `along` * half its width along the width.
     along, across = np.abs(cos * other_cos + sin * other_sin), np.abs(sin * other_cos - cos * other_sin)
     ego = len(world.actors)
     margin = np.where((other == ego) & (world.ego.speed > STANDING_MPS), 0.0, MARGIN_M)
     half = (world.half_widths[rows][one] + margin)[:, None]
-    over_length = world.half_lengths[other][:, None] + half * across - np.abs(dx * other_cos + dy * other_sin)
-    over_width = world.half_widths[other][:, None] + half * along - np.abs(dy * other_cos - dx * other_sin)
+    # Half a step more along the way, so that nothing is missed between two samples.
+    over_length = world.half_lengths[other][:, None] + half_walk + half * across + HALF_STEP_M * along
+    over_length -= np.abs(dx * other_cos + dy * other_sin)
+    over_width = world.half_widths[other][:, None] + half * along + HALF_STEP_M * across
+    over_width -= np.abs(dy * other_cos - dx * other_sin)
     hits = (over_length > 0.0) & (over_width > 0.0)
     first = hits.argmax(axis=1)
     found = np.flatnonzero(hits[np.arange(len(one)), first])
     if not len(found):
         return
-    at = first[found]
-    one, other, along = one[found], other[found], along[found, at]
-    closer = np.where(along > REFINE_COS, over_length[found, at] / np.maximum(along, REFINE_COS), 0.5)
-    gap = at - np.where(at > 0, np.minimum(closer, 1.0), closer) - residue[one]
-    facing = cos[found, at] * other_cos[found, 0] + sin[found, at] * other_sin[found, 0]
+    at = first[found] * STEP_M
+    hit = (found, first[found])
+    one, other, along, across = one[found], other[found], along[hit], across[hit]
+    # From the first sample that touches back to where the surfaces meet.
+    one_way = along > across
+    deep = np.where(one_way, over_length[hit], over_width[hit]) / np.maximum(along, across)
+    beyond_middle = dx[hit] * cos[hit] + dy[hit] * sin[hit]
+    deep += 2.0 * np.maximum(beyond_middle, 0.0)
+    gap = at + HALF_STEP_M - np.where(at > 0.0, np.minimum(deep, STEP_M), deep) - residue[one]
+    facing = cos[hit] * other_cos[found, 0] + sin[hit] * other_sin[found, 0]
     closing = world.speeds[rows[one]] - world.speeds[other] * facing
     _assign(world, followers, zip(one.tolist(), other.tolist(), gap.tolist(), closing.tolist(), facing.tolist()))
 
 
 def _samples(world: World, followers: Sequence[PathVehicle], rows: Ints) -> tuple[Float64, Float64]:
-    """(V, STEPS, 4) x, y, cos and sin of the heading of each follower's front on its way, a metre apart, and (V,) how
+    """(V, STEPS, 4) x, y, cos and sin of the heading of each follower's front on its way, `STEP_M` apart, and (V,) how
     far the front is beyond the first of them already."""
     ends = np.array([world.bank.rows_of(vehicle.path) for vehicle in followers])
     front = np.array([vehicle.s_m for vehicle in followers]) + world.half_lengths[rows]
+    front -= np.array([vehicle.path.start_s_m for vehicle in followers])
     begin = np.maximum(front / SPACING_M, 0.0).astype(int)
     index = np.minimum((ends[:, 0] + begin)[:, None] + STRIDE * np.arange(STEPS), ends[:, 1, None])
     samples = world.bank.table[index]
@@ -137,6 +160,9 @@ def _assign(world: World, followers: Sequence[PathVehicle], hits: Any) -> None:
     moving = world.ego.speed >= STANDING_MPS
     for one, other, gap, closing, facing in hits:
         vehicle = followers[one]
+        if facing < HEAD_ON_COS and closing > 0.0:
+            # Head-on: each of them has to stop before the place where they would meet.
+            gap, closing = gap * vehicle.speed / closing, vehicle.speed
         gap = max(gap, 0.05)
         if other == ego:
             # Vehicles with priority ignore an ego that crosses their way.

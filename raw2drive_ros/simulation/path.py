@@ -15,11 +15,13 @@ SPACING_M = 0.5
 class Path:
     """A polyline in `map`, resampled to equal steps of `SPACING_M`.
 
-    points_m: (N, 2). headings_rad: (N,), unwrapped, so they can be interpolated.
+    points_m: (N, 2). headings_rad: (N,), unwrapped, so they can be interpolated. start_s_m: arc length of the first
+    point, negative where the path begins before the place that arc lengths are counted from. length_m: arc length of
+    the last point. end_s_m: where what the path is for ends (a route's road goes on beyond it); `length_m` by default.
     Lateral offsets are positive to the left.
     """
 
-    def __init__(self, points_m: Float64) -> None:
+    def __init__(self, points_m: Float64, start_s_m: float = 0.0, end_s_m: float | None = None) -> None:
         steps = np.hypot(*np.diff(points_m, axis=0).T)
         keep = np.concatenate(([True], steps > 1e-6))
         points_m = points_m[keep]
@@ -29,7 +31,9 @@ class Path:
         self.points_m: Float64 = np.stack([np.interp(wanted, distance, points_m[:, axis]) for axis in (0, 1)], axis=1)
         tangents = np.gradient(self.points_m, axis=0)
         self.headings_rad: Float64 = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
-        self.length_m = float(wanted[-1])
+        self.start_s_m = start_s_m
+        self.length_m = start_s_m + float(wanted[-1])
+        self.end_s_m = self.length_m if end_s_m is None else end_s_m
         # Lists of Python floats: scalar look-ups are the simulator's hottest code, and lists are faster there.
         self._x = self.points_m[:, 0].tolist()
         self._y = self.points_m[:, 1].tolist()
@@ -38,13 +42,22 @@ class Path:
     def pose(self, s_m: float, lateral_m: float = 0.0) -> tuple[float, float, float]:
         """(x, y, yaw) at arc length `s_m`; extrapolated straight beyond both ends."""
         last = len(self._x) - 2
-        index = min(max(int(s_m / SPACING_M), 0), last)
-        part = s_m / SPACING_M - index
+        place = (s_m - self.start_s_m) / SPACING_M
+        index = min(max(int(place), 0), last)
+        part = place - index
         x = self._x[index] + part * (self._x[index + 1] - self._x[index])
         y = self._y[index] + part * (self._y[index + 1] - self._y[index])
         blend = min(max(part, 0.0), 1.0)
         yaw = self._heading[index] + blend * (self._heading[index + 1] - self._heading[index])
         return x - lateral_m * math.sin(yaw), y + lateral_m * math.cos(yaw), yaw
+
+    def index_at(self, s_m: float) -> int:
+        """Index of the point at or before arc length `s_m`; of the first or last one beyond the ends."""
+        return min(max(int((s_m - self.start_s_m) / SPACING_M), 0), len(self._x) - 1)
+
+    def station(self, index: int) -> float:
+        """Arc length of point `index`."""
+        return self.start_s_m + index * SPACING_M
 
     def project(
         self, x_m: float, y_m: float, hint_s_m: float | None = None, window_m: float = 15.0
@@ -54,9 +67,9 @@ class Path:
             first, last = 0, len(self._x)
         else:
             # Beyond an end of the path the hint, too, lies outside it.
-            hint_s_m = min(max(hint_s_m, 0.0), self.length_m)
-            first = max(0, int((hint_s_m - window_m) / SPACING_M))
-            last = min(len(self._x), int((hint_s_m + window_m) / SPACING_M) + 2)
+            along_m = min(max(hint_s_m, self.start_s_m), self.length_m) - self.start_s_m
+            first = max(0, int((along_m - window_m) / SPACING_M))
+            last = min(len(self._x), int((along_m + window_m) / SPACING_M) + 2)
             first = min(first, last - 2)
         delta_x = self.points_m[first:last, 0] - x_m
         delta_y = self.points_m[first:last, 1] - y_m
@@ -65,13 +78,13 @@ class Path:
         ahead_x, ahead_y = x_m - self._x[index], y_m - self._y[index]
         along = ahead_x * math.cos(yaw) + ahead_y * math.sin(yaw)
         lateral = -ahead_x * math.sin(yaw) + ahead_y * math.cos(yaw)
-        return index * SPACING_M + along, lateral
+        return self.station(index) + along, lateral
 
     def project_many(self, points_m: Float64, hint_s_m: float, window_m: float) -> tuple[Float64, Float64]:
         """`project` of (N, 2) points near one hint: (arc lengths, signed lateral offsets), each (N,)."""
-        hint_s_m = min(max(hint_s_m, 0.0), self.length_m)
-        first = max(0, int((hint_s_m - window_m) / SPACING_M))
-        last = min(len(self._x), int((hint_s_m + window_m) / SPACING_M) + 2)
+        along_m = min(max(hint_s_m, self.start_s_m), self.length_m) - self.start_s_m
+        first = max(0, int((along_m - window_m) / SPACING_M))
+        last = min(len(self._x), int((along_m + window_m) / SPACING_M) + 2)
         first = min(first, last - 2)
         own = self.points_m[first:last]
         dx, dy = points_m[:, 0, None] - own[None, :, 0], points_m[:, 1, None] - own[None, :, 1]
@@ -79,16 +92,17 @@ class Path:
         every = np.arange(len(points_m))
         ahead_x, ahead_y = dx[every, index], dy[every, index]
         cos, sin = np.cos(self.headings_rad[first + index]), np.sin(self.headings_rad[first + index])
-        return (first + index) * SPACING_M + ahead_x * cos + ahead_y * sin, -ahead_x * sin + ahead_y * cos
+        stations = self.start_s_m + (first + index) * SPACING_M
+        return stations + ahead_x * cos + ahead_y * sin, -ahead_x * sin + ahead_y * cos
 
     def window(self, s_m: float, ahead_m: float) -> Float64:
         """(M, 2) points from `s_m` to `s_m + ahead_m`, 1 m apart."""
-        first = max(0, int(s_m / SPACING_M))
+        first = self.index_at(s_m)
         return self.points_m[first : first + int(ahead_m / SPACING_M) : 2]
 
     def curvature(self, s_m: float, ahead_m: float) -> float:
         """Largest |curvature| (1/m) between `s_m` and `s_m + ahead_m`, over 2 m chords."""
-        first = max(0, int(s_m / SPACING_M))
+        first = self.index_at(s_m)
         headings = self.headings_rad[first : first + int(ahead_m / SPACING_M) + 5]
         if len(headings) < 6:
             return 0.0
@@ -96,9 +110,12 @@ class Path:
 
     def shifted(self, lateral_at: Callable[[float], float]) -> Path:
         """The path shifted to the left by `lateral_at(s)` metres (lane changes)."""
-        offsets = np.array([lateral_at(i * SPACING_M) for i in range(len(self._x))])
+        offsets = np.array([lateral_at(self.station(i)) for i in range(len(self._x))])
         normal = np.stack([-np.sin(self.headings_rad), np.cos(self.headings_rad)], axis=1)
-        return Path(self.points_m + offsets[:, None] * normal)
+        shifted = Path(self.points_m + offsets[:, None] * normal, self.start_s_m)
+        end = self.pose(self.end_s_m, lateral_at(self.end_s_m))
+        shifted.end_s_m = shifted.project(end[0], end[1])[0]
+        return shifted
 
 
 def smooth_step(value: float, start: float, width: float) -> float:

@@ -5,8 +5,11 @@ Three terms differ, because they rewarded bad driving on our routes (docs/benchm
 - The speed term is v*/v_base - |v - v*|/7.5, not 1 - |v - v*|/7.5: standing where the ego has to stand earns nothing.
 - v* depends on what is ahead in the ego's own corridor, so an ego that passes an obstacle does not have to stop for it.
 - Deviation costs nothing on the detour around an obstacle.
+- Pedestrians who stand beside the lane or walk away from it do not reduce v*: most of them want nothing.
 
-One term is new: holding up an emergency vehicle costs `YIELD_COST` per step.
+Three terms are new: holding up an emergency vehicle costs `YIELD_COST` per step, way outside the lanes costs
+`OUTSIDE_COST` per metre, which is more than it earns, and making others brake hard or staying too long where the event
+is costs `RULE_COST` once.
 """
 
 from __future__ import annotations
@@ -33,9 +36,13 @@ SEARCH_M = 50.0
 ON_ROUTE_M = 2.0
 # An emergency vehicle is held up if it is this close behind, and slower than its target speed by this much.
 YIELD_COST, HELD_UP_M, HELD_UP_MPS = 1.0, 30.0, 2.0
+OUTSIDE_COST, RULE_COST = 2.0, 10.0
+RULES = ('forced_braking', 'scenario_timeout')
 VULNERABLE = ('walker', 'cyclist')
 # Pedestrians with a larger lateral distance do not reduce v*.
 BESIDE_M = 5.0
+# Before an amber light v* is reduced only where this deceleration is enough to stop.
+AMBER_MPS2 = 4.0
 
 # Distances (m) at which the target speed reaches zero.
 MARGIN_M = {'light': 4.0, 'stop': 2.5, 'vehicle': 8.0, 'cyclist': 5.0, 'walker': 5.0}
@@ -61,9 +68,11 @@ class RewardModel:
         self.best_s_m = world.route_s_m
         self.last_steer = 0.0
         self.slow_s = 0.0
+        self.contacts_seen = len(world.contacts)
 
-    def step(self, world: World, infractions: list[str]) -> Outcome:
-        """Reward of the step that just ended. infractions: names of those that began in it."""
+    def step(self, world: World, infractions: list[str], outside_m: float = 0.0) -> Outcome:
+        """Reward of the step that just ended. infractions: names of those that began in it. outside_m: its way outside
+        the lanes."""
         ego = world.ego
         free = free_share(world)
         target = free * base_speed_mps(world)
@@ -77,6 +86,8 @@ class RewardModel:
             'deviation': -WEIGHTS['deviation'] * deviation / DEVIATION_SCALE_M,
             'steer': -WEIGHTS['steer'] * abs(steer - self.last_steer),
             'yield': -YIELD_COST if holds_up_emergency(world) else 0.0,
+            'lanes': -OUTSIDE_COST * outside_m,
+            'rules': -RULE_COST * sum(name in RULES for name in infractions),
             'terminal': 0.0,
         }
         self.last_steer = steer
@@ -88,9 +99,12 @@ class RewardModel:
 
     def _end(self, world: World, deviation: float, infractions: list[str]) -> tuple[float | None, str, bool]:
         """(reward in place of the sum or None, cause, whether it is a truncation)."""
+        new, self.contacts_seen = world.contacts[self.contacts_seen :], len(world.contacts)
         fatal = [i for i in infractions if i.startswith('collision') or i in ('red_light', 'stop_sign')]
         if fatal:
-            return -1.0 - abs(world.ego.speed), fatal[0], False
+            # After an impact the ego is slower than it was.
+            speed = max(abs(world.ego.speed), *(contact.ego_speed_mps for contact in new), 0.0)
+            return -1.0 - speed, fatal[0], False
         if deviation > DEVIATION_LIMIT_M:
             return -1.0, 'route_deviation', False
         if self.slow_s > SLOW_LIMIT_S:
@@ -119,8 +133,11 @@ def free_share(world: World) -> float:
     factor = 1.0
     front = world.front_s_m
     for light in world.lights:
-        if light.colour != 'green' and light.line_s_m > front - 0.5:
-            factor = min(factor, _ramp(light.line_s_m - front, MARGIN_M['light']))
+        gap = light.line_s_m - front
+        if light.colour == 'yellow' and gap < world.ego.speed**2 / (2.0 * AMBER_MPS2):
+            continue
+        if light.colour != 'green' and gap > -0.5:
+            factor = min(factor, _ramp(gap, MARGIN_M['light']))
     for sign in world.stop_signs:
         if not sign.obeyed and sign.line_s_m > front - 0.5:
             factor = min(factor, _ramp(sign.line_s_m - front, MARGIN_M['stop']))
@@ -165,7 +182,8 @@ def _corridor_m(world: World, s_m: float) -> float:
 
 
 def nearest_vulnerable_m(world: World) -> dict[str, float]:
-    """Kind -> Euclidean distance (m) to the nearest cyclist or pedestrian ahead of the ego and close to its lane."""
+    """Kind -> Euclidean distance (m) to the nearest cyclist or pedestrian ahead of the ego who is in its lane, or
+    walks towards it."""
     found: dict[str, float] = {}
     cos, sin = math.cos(world.ego.heading), math.sin(world.ego.heading)
     x, y = (float(v) for v in world.ego.position)
@@ -173,8 +191,10 @@ def nearest_vulnerable_m(world: World) -> dict[str, float]:
         if actor.kind not in VULNERABLE:
             continue
         dx, dy = float(actor.position[0]) - x, float(actor.position[1]) - y
-        limit = BESIDE_M if isinstance(actor, Walker) else ON_ROUTE_M
-        if dx * cos + dy * sin < 0.0 or abs(-dx * sin + dy * cos) > limit:
+        ahead, aside = dx * cos + dy * sin, -dx * sin + dy * cos
+        nearing = actor.speed > 0.0 and aside * math.sin(actor.heading - world.ego.heading) < 0.0
+        limit = BESIDE_M if isinstance(actor, Walker) and nearing else ON_ROUTE_M
+        if ahead < 0.0 or abs(aside) > limit:
             continue
         found[actor.kind] = min(found.get(actor.kind, math.inf), math.hypot(dx, dy))
     return found

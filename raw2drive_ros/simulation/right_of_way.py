@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from raw2drive_ros.simulation.courses import LEFT, CourseBook, Crossing, LaneRef
+from raw2drive_ros.simulation.layout import Junction
 from raw2drive_ros.simulation.signals import RED, YELLOW
 
 if TYPE_CHECKING:
@@ -30,17 +31,20 @@ WITHIN_M = 70.0
 GAP_PRIORITY_S, GAP_S = 1.5, 0.6
 # Deceleration that a vehicle stops with at its line; with more it drives on when the light turns amber.
 COMFORT_MPS2, HARDEST_STOP_MPS2 = 2.5, 3.2
-# Accelerations with which a vehicle may start: it arrives as early as with the first, leaves as late as with the second.
+# Accelerations of a start: it may arrive as early as with the first, and leave as late as with the second.
 FAST_START_MPS2, SLOW_START_MPS2 = 3.0, 1.2
 # Whoever has waited for so long at its line goes before all that can still stop.
 IMPATIENT_S = 6.0
 # An ego that stands before its line for so long does not use its right of way.
 EGO_HESITATES_S = 2.0
-STANDING_MPS = 0.5
+STANDING_MPS, CREEP_MPS = 0.5, 0.05
+BEYOND_LINE_M = 1.0
 LINE_M = 5.0
 # At a priority of its own, a vehicle slower than this lets an ego pass that is in the junction already.
 SLOW_MPS = 3.0
 ROOM_M = 2.5
+# A car that turns right lets a cyclist pass who is so little behind it.
+CYCLIST_BEHIND_M = 15.0
 Zone = tuple[float, float, float, float]
 
 
@@ -115,7 +119,7 @@ class RightOfWay:
         vehicle = approach.vehicle
         if vehicle is None or vehicle.course is None or approach.inside:
             return False
-        if not vehicle.yields:
+        if not vehicle.yields and not _stays(approach):
             return not vehicle.obeys_lights or light_of(world, approach.crossing) != RED
         current = approach.crossing is vehicle.course.crossings[vehicle.next_crossing]
         return vehicle.has_leave and current and not _can_stop(approach)
@@ -135,8 +139,9 @@ class RightOfWay:
             to_line = crossing.stop_s_m - vehicle.s_m - half
             if to_line > WITHIN_M:
                 break
-            entered = to_line < 0.0
             current = crossing is crossings[vehicle.next_crossing]
+            # Who has stopped with its bumper just beyond the line has not entered.
+            entered = to_line < (0.0 if vehicle.has_leave and current else -BEYOND_LINE_M)
             approach = Approach(
                 vehicle,
                 crossing,
@@ -196,11 +201,13 @@ class RightOfWay:
 
     def _in_the_way(self, world: World, one: Approach, other: Approach) -> bool:
         """Whether `other` keeps `one` from crossing."""
-        zone = self.zone(one.crossing.connector, other.crossing.connector)
-        if zone is None:
-            return False
         vehicle = one.vehicle
         assert vehicle is not None
+        zone = self.zone(one.crossing.connector, other.crossing.connector)
+        if zone is None:
+            return _turns_across_a_cyclist(one, other)
+        if _stays(other):
+            return False
         yields = must_yield(one, other)
         own_in, own_out = self._times(one, zone[0], zone[1], vehicle.target_speed)
         if other.inside:
@@ -255,6 +262,26 @@ class RightOfWay:
         return float(along[rows[0]]), float(along[rows[-1]]), float(beside[columns[0]]), float(beside[columns[-1]])
 
 
+def _turns_across_a_cyclist(one: Approach, other: Approach) -> bool:
+    """Whether a car that turns right would cut off a cyclist beside it, who goes on."""
+    vehicle, rider = one.vehicle, other.vehicle
+    if vehicle is None or rider is None or rider.kind != 'cyclist' or vehicle.kind == 'cyclist':
+        return False
+    if one.crossing.source_arm != other.crossing.source_arm or one.crossing.turn != 'right':
+        return False
+    if other.crossing.turn == 'right':
+        return False
+    # Beyond the car's turn it is in nobody's way any more.
+    beyond_m = one.crossing.stop_s_m - one.crossing.leave_s_m
+    return beyond_m < other.to_line_m < one.to_line_m + CYCLIST_BEHIND_M
+
+
+def _stays(approach: Approach) -> bool:
+    """Whether a vehicle stands before its line until a script starts it."""
+    vehicle = approach.vehicle
+    return vehicle is not None and not approach.inside and vehicle.target_speed < CREEP_MPS > vehicle.speed
+
+
 def _can_stop(approach: Approach) -> bool:
     """Whether a vehicle can stop at its line without braking hard."""
     return approach.speed_mps**2 < 2.0 * HARDEST_STOP_MPS2 * max(approach.to_line_m, 0.01)
@@ -293,14 +320,9 @@ def rank_of(world: World, crossing: Crossing) -> int:
     return 0 if not main or crossing.source_arm in main else 1
 
 
-def main_arms(junction: object) -> tuple[str, ...]:
+def main_arms(junction: Junction) -> tuple[str, ...]:
     """Arms of the road with right of way; () where all are equal."""
-    priority = getattr(junction, 'priority', '')
-    if priority == 'chain':
-        return 'back', getattr(junction, 'turn', 'ahead')
-    if priority == 'cross' or getattr(junction, 'control', 'none') in ('stop', 'yield'):
-        return 'left', 'right'
-    return ()
+    return junction.main_arms()
 
 
 def light_of(world: World, crossing: Crossing) -> str:
@@ -320,7 +342,7 @@ def ego_approach(world: World, junction: int) -> Approach | None:
         return None
     light = light_of(world, crossing)
     closed = light == RED or (light == YELLOW and to_line > 0.0)
-    inside = to_line < -1.0
+    inside = to_line < -BEYOND_LINE_M
     speed = max(world.ego.speed, 0.0)
     return Approach(
         None, crossing, to_line, world.route_s_m, speed, half, rank_of(world, crossing), inside, closed and not inside

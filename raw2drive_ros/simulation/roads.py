@@ -9,20 +9,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from highway_env.road.road import RoadNetwork
 
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.lanes import ArcLane
-from raw2drive_ros.simulation.layout import Junction, RoadLayout
+from raw2drive_ros.simulation.layout import ARM_LENGTH_M, LEAD_M, Junction, RoadLayout
 from raw2drive_ros.simulation.path import Path
 
 ARM_TURN_RAD = {'left': math.pi / 2, 'ahead': 0.0, 'right': -math.pi / 2}
+if TYPE_CHECKING:
+    from raw2drive_ros.simulation.road_surface import RoadSurface
+
 Pose = tuple[float, float, float]
 Edge = tuple[str, str]
 # Spacing of the points of centre lines and markings.
 SAMPLE_M = 1.0
+
+
+def advance(pose: Pose, forward_m: float, left_m: float = 0.0, turn_rad: float = 0.0) -> Pose:
+    """A pose moved ahead and to the left in its own frame, then turned."""
+    x, y, yaw = pose
+    return (
+        x + forward_m * math.cos(yaw) - left_m * math.sin(yaw),
+        y + forward_m * math.sin(yaw) + left_m * math.cos(yaw),
+        yaw + turn_rad,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +52,9 @@ class Marking:
 
 @dataclass(slots=True)
 class JunctionSite:
-    """Pose and extent of a junction. piece: its index in the layout. entry_s_m, exit_s_m: along the forward chain."""
+    """Pose and extent of a junction. piece: its index in the layout. entry_s_m, exit_s_m: along the forward chain.
+    inlets: arm -> pose of the middle of its road where it ends, heading into the junction. outline_m: (N, 2)
+    polygon of its paved area."""
 
     piece: int
     centre_m: tuple[float, float]
@@ -47,11 +63,14 @@ class JunctionSite:
     spec: Junction
     entry_s_m: float
     exit_s_m: float
+    inlets: dict[str, Pose] = field(default_factory=dict)
+    outline_m: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 @dataclass(slots=True)
 class RoadMap:
-    """Lanes, surfaces and markings of a road. surfaces_m, sidewalks_m: (N, 2) polygons. exit: edges of the off-ramp."""
+    """Lanes, surfaces and markings of a road. surfaces_m, sidewalks_m, islands_m: (N, 2) polygons;
+    islands lie on surfaces. exit: edges of the off-ramp."""
 
     network: RoadNetwork
     layout: RoadLayout
@@ -60,23 +79,43 @@ class RoadMap:
     ramp: list[Edge] = field(default_factory=list)
     ramp_piece: int = -1
     exit: list[Edge] = field(default_factory=list)
+    # The road before the first piece and beyond the last one: (forward, backward) edge of either.
+    lead_in: tuple[Edge, Edge] | None = None
+    lead_out: tuple[Edge, Edge] | None = None
     junctions: list[JunctionSite] = field(default_factory=list)
     surfaces_m: list[Float64] = field(default_factory=list)
     sidewalks_m: list[Float64] = field(default_factory=list)
+    islands_m: list[Float64] = field(default_factory=list)
     markings: list[Marking] = field(default_factory=list)
     reference: Path | None = None
+    surface: RoadSurface | None = None
 
     def lane(self, edge: Edge, lane: int) -> ArcLane:
         lanes = self.network.graph[edge[0]][edge[1]]
         found: ArcLane = lanes[min(lane, len(lanes) - 1)]
         return found
 
-    def path(self, edges: list[Edge], lane: int = 0) -> Path:
-        """The centre line of one lane along consecutive edges."""
-        return Path(np.concatenate([self.lane(edge, lane).centre_line(SAMPLE_M) for edge in edges]))
+    def path(self, edges: list[Edge], lane: int = 0, before: list[Edge] | None = None, beyond: int = 0) -> Path:
+        """The centre line of one lane along consecutive edges. Arc lengths count from the end of the edges `before`;
+        the path's purpose ends before the last `beyond` edges."""
+        leading = before or []
+        whole = [*leading, *edges]
+        lanes = [self.lane(edge, lane) for edge in whole]
+        start_s_m = -sum(part.length for part in lanes[: len(leading)])
+        found = Path(np.concatenate([part.centre_line(SAMPLE_M) for part in lanes]), start_s_m)
+        found.end_s_m = found.length_m - sum(part.length for part in lanes[len(lanes) - beyond :])
+        return found
+
+    def lanes_along(self, *, oncoming: bool) -> list[Edge]:
+        """The edges of the chain in one direction, with those before and beyond it."""
+        more = [edges[oncoming] for edges in (self.lead_in, self.lead_out) if edges is not None]
+        return [*(self.backward if oncoming else self.forward), *more]
 
     def forward_path(self, lane: int = 0) -> Path:
-        return self.path(self.forward, lane)
+        """A lane of the chain, with the road before and beyond it; arc length 0 is where the chain begins."""
+        before = [self.lead_in[0]] if self.lead_in else []
+        after = [self.lead_out[0]] if self.lead_out else []
+        return self.path([*self.forward, *after], lane, before, len(after))
 
     def forward_path_cached(self) -> Path:
         """The leftmost forward lane, built once."""
@@ -85,19 +124,27 @@ class RoadMap:
         return self.reference
 
     def backward_path(self, lane: int = 0) -> Path:
-        """A lane of oncoming traffic, from the far end of the chain to its start."""
-        return self.path(self.backward[::-1], lane)
+        """A lane of oncoming traffic; arc length 0 is at the far end of the chain."""
+        before = [self.lead_out[1]] if self.lead_out else []
+        after = [self.lead_in[1]] if self.lead_in else []
+        return self.path([*self.backward[::-1], *after], lane, before, len(after))
 
     def ramp_path(self) -> Path:
-        """The on-ramp, its acceleration lane, then the rightmost lane of the main road."""
+        """The on-ramp, its acceleration lane, then the rightmost lane of the main road; arc length 0 is 60 m before the
+        end of the ramp's first straight."""
         right = self.layout.forward_lanes - 1
         on_ramp = self.path(self.ramp)
-        merged = self.path(self.forward[self.ramp_piece + 1 :], right)
-        return Path(np.concatenate([on_ramp.points_m, merged.points_m]))
+        after = [self.lead_out[0]] if self.lead_out else []
+        merged = self.path([*self.forward[self.ramp_piece + 1 :], *after], right, None, len(after))
+        whole = Path(np.concatenate([on_ramp.points_m, merged.points_m]), 60.0 - self.lane(self.ramp[0], 0).length)
+        whole.end_s_m = whole.length_m - (merged.length_m - merged.end_s_m)
+        return whole
 
     def exit_path(self) -> Path:
         """The off-ramp, from the end of its deceleration lane on."""
-        return self.path(self.exit[1:])
+        found = self.path(self.exit[1:])
+        found.end_s_m -= LEAD_M
+        return found
 
     def crossing_path(self, junction: int, source: str, target: str, lane: int = 0) -> Path:
         """A lane across a junction from arm `source` to arm `target`, with the adjacent pieces at full length.
@@ -119,7 +166,13 @@ class RoadMap:
             edges += self.forward[piece + 1 : piece + 2]
         else:
             edges.append((f'j{piece}{target}out', f'j{piece}{target}far_out'))
-        return self.path(edges, lane)
+        # Paths of version 2 begin 60 m before a junction.
+        found = self.path(edges, lane)
+        if source not in ('back', self.junctions[junction].spec.turn):
+            found.start_s_m -= ARM_LENGTH_M - 60.0
+            found.length_m -= ARM_LENGTH_M - 60.0
+            found.end_s_m = found.length_m
+        return found
 
     def node_into(self, piece: int, arm: str) -> str:
         """Node at which the lanes of `arm` enter the junction that is piece `piece`."""

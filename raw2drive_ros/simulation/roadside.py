@@ -13,7 +13,6 @@ import numpy as np
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.actors import Look, StandingObject, Walker, fork_of
 from raw2drive_ros.simulation.draws import Rng
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.roads import RoadMap
 from raw2drive_ros.simulation.scenario import BackgroundSpec
@@ -95,10 +94,13 @@ class Roadside:
             self.inside[index] = False
 
 
-def place_roadside(road: RoadMap, spec: BackgroundSpec, taken_m: Float64, parked_sides: str, rng: Rng) -> list[Actor]:
+def place_roadside(
+    road: RoadMap, spec: BackgroundSpec, taken_m: Float64, parked_sides: str, rng: Rng, split: str
+) -> list[Actor]:
     """Parked cars and people along the ego's road.
 
     taken_m: (N, 2) places of the scene's own actors. parked_sides: names the sides with parked cars, right and left.
+    split: whose bodies and paints they have.
     """
     found: list[Actor] = []
     layout = road.layout
@@ -108,14 +110,14 @@ def place_roadside(road: RoadMap, spec: BackgroundSpec, taken_m: Float64, parked
     for path, side in sides:
         open_m = _open_stations(road, path, taken_m)
         if side in parked_sides:
-            found += _parked(path, open_m, spec.parked, LANE_WIDTH_M / 2, rng)
-        found += _people(path, open_m, spec.bystanders, LANE_WIDTH_M / 2, rng)
+            found += _parked(path, open_m, spec.parked, layout.lane_width_m / 2, rng, split)
+        found += _people(path, open_m, spec.bystanders, layout.lane_width_m / 2, rng, split)
     return found
 
 
 def _open_stations(road: RoadMap, path: Path, taken_m: Float64) -> Float64:
     """Arc lengths, a metre apart, away from junctions, ramps and from the scene's own actors."""
-    stations = np.arange(2.0, path.length_m - 2.0, 1.0)
+    stations = np.arange(path.start_s_m + 2.0, path.length_m - 2.0, 1.0)
     points = np.array([path.pose(float(s), -2.0)[:2] for s in stations])
     free = np.ones(len(stations), bool)
     for site in road.junctions:
@@ -128,13 +130,13 @@ def _open_stations(road: RoadMap, path: Path, taken_m: Float64) -> Float64:
     return stations[free]
 
 
-def _parked(path: Path, open_m: Float64, share: float, half_m: float, rng: Rng) -> list[Actor]:
+def _parked(path: Path, open_m: Float64, share: float, half_m: float, rng: Rng, split: str) -> list[Actor]:
     found: list[Actor] = []
     free = set(open_m.tolist())
-    for s_m in np.arange(6.0, path.length_m - 6.0, PLACE_M).tolist():
+    for s_m in np.arange(path.start_s_m + 6.0, path.length_m - 6.0, PLACE_M).tolist():
         takes, van, shift = rng.random(3).tolist()
         kind = 'parked_van' if van < VAN_SHARE else 'parked'
-        look = Look.draw(kind, rng)
+        look = Look.draw(kind, rng, split)
         if takes >= share or not {s_m - 3.0, s_m, s_m + 3.0} <= free:
             continue
         actor = StandingObject(0.0, 0.0, 0.0, kind, look)
@@ -146,12 +148,12 @@ def _parked(path: Path, open_m: Float64, share: float, half_m: float, rng: Rng) 
     return found
 
 
-def _people(path: Path, open_m: Float64, per_100_m: int, half_m: float, rng: Rng) -> list[Actor]:
+def _people(path: Path, open_m: Float64, per_100_m: int, half_m: float, rng: Rng, split: str) -> list[Actor]:
     found: list[Actor] = []
     free = set(open_m.tolist())
-    for begin in np.arange(2.0, path.length_m - STRETCH_M, STRETCH_M + 2.0).tolist():
+    for begin in np.arange(path.start_s_m + 2.0, path.length_m - STRETCH_M, STRETCH_M + 2.0).tolist():
         comes, stands, at, side, speed = rng.random(5).tolist()
-        look = Look.draw('walker', rng)
+        look = Look.draw('walker', rng, split)
         whole = all(begin + k in free for k in range(int(STRETCH_M)))
         if comes >= per_100_m * (STRETCH_M + 2.0) / 100.0 / 2.0 or not whole:
             continue

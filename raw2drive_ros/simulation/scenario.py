@@ -269,8 +269,12 @@ class StopSignSpec:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """One draw of a scenario: the complete specification that a `World` is built from. background: None for version 2's
-    types, which have no traffic but their own."""
+    """One draw of a scenario: the complete specification that a `World` is built from.
+
+    background: None for version 2's types, which have no traffic but their own. event_s_m: (begin, end) of the stretch
+    of the route where the event happens, which the ego has to leave in time (`criteria.SCENARIO_S`). later_events_s_m:
+    those of the other scenes of a chain.
+    """
 
     layout: RoadLayout
     route: RouteSpec = RouteSpec()
@@ -280,6 +284,13 @@ class Scene:
     time_limit_s: float | None = None
     disturbances: tuple[DisturbanceSpec, ...] = ()
     background: BackgroundSpec | None = None
+    event_s_m: tuple[float, float] | None = None
+    later_events_s_m: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def events_s_m(self) -> tuple[tuple[float, float], ...]:
+        """Every stretch with an event."""
+        return ((self.event_s_m,) if self.event_s_m is not None else ()) + self.later_events_s_m
 
 
 def no_extra_rule(world: World) -> str | None:

@@ -16,6 +16,8 @@ from raw2drive_ros.contracts.public import Float64
 # Range of the ego's headlights, and growth of the beam's half width per metre.
 BEAM_M, BEAM_SPREAD = 24.0, 0.5
 LAMPS_AHEAD_M = 2.0
+# Lit lamps are visible through so many times as much fog as other surfaces.
+LAMP_REACH = 3.0
 
 
 @dataclass(frozen=True, slots=True)

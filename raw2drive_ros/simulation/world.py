@@ -11,13 +11,13 @@ import numpy as np
 
 from raw2drive_ros.contracts.errors import LayoutError
 from raw2drive_ros.contracts.public import Control, Float64
-from raw2drive_ros.simulation.actors import Actor, PathVehicle, fork_of
+from raw2drive_ros.simulation.actors import Actor, PathVehicle, Walker, fork_of
+from raw2drive_ros.simulation.contact import Contact, resolve_contacts
 from raw2drive_ros.simulation.courses import CourseBook
 from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.ego_route import offset_m, route_path, speed_profile
 from raw2drive_ros.simulation.flows import HIDDEN_M, Flow
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.leaders import PathBank, find_leaders
 from raw2drive_ros.simulation.path import SPACING_M
 from raw2drive_ros.simulation.right_of_way import RightOfWay
@@ -31,6 +31,7 @@ from raw2drive_ros.simulation.scenario import (
     Scene,
     TrafficSpec,
 )
+from raw2drive_ros.simulation.scenery import place_scenery
 from raw2drive_ros.simulation.signals import Lamp
 from raw2drive_ros.simulation.world_actors import WorldBuilder
 from raw2drive_ros.tables.rates import DECISION_HZ, PHYSICS_HZ, SUBSTEPS
@@ -54,7 +55,7 @@ class World:
 
     draw: of the scene's parameters. start_rng: changes the start a little, for repetitions of a route.
     detour_offsets_m: (N,) lateral offset of the reference detour around obstacles from the route, at each point of the
-    route; 0 without an obstacle.
+    route; 0 without an obstacle. contacts: of the ego with actors so far, one per physics step and actor.
     """
 
     def __init__(
@@ -65,15 +66,18 @@ class World:
         self.route = route_path(self.scene, self.road)
         self.speed_limits = speed_profile(self.route, self.scene.layout.speed_limit_mps)
         self._build_detour()
+        assert self.road.surface is not None
+        self.scenery = place_scenery(self.road, self.road.surface, self.draw)
         start = self.scene.route
         along, aside, faster = (0.0,) * 3 if start_rng is None else start_rng.uniform(-1.0, 1.0, 3) * START_JITTER
         self.route_s_m, self.route_lateral_m = start.start_s_m + float(along), float(aside)
         x, y, yaw = self.route.pose(self.route_s_m, self.route_lateral_m)
         speed = max(0.0, start.start_speed_mps + float(faster))
         self.ego = EgoVehicle(x, y, yaw, speed, parameters or EgoParameters())
-        self.goal_s_m = self.route.length_m - start.end_before_m
+        self.goal_s_m = self.route.end_s_m - start.end_before_m
         self.time_s = 0.0
         self.physics_ticks, self.stride = 0, 1
+        self.contacts: tuple[Contact, ...] = ()
         self.decision_s = 1.0 / DECISION_HZ
         self.roster: list[object] = []
         self.is_fork = False
@@ -194,6 +198,7 @@ class World:
         self.physics_ticks += self.stride
         self.time_s = self.physics_ticks / PHYSICS_HZ
         self._spawn_due_traffic()
+        self.contacts += resolve_contacts(self, dt)
         self.route_s_m, self.route_lateral_m = self.route.project(
             float(self.ego.position[0]), float(self.ego.position[1]), self.route_s_m
         )
@@ -210,7 +215,7 @@ class World:
     def _renew(self) -> None:
         """Traffic that goes on for ever: add what is due out of sight, remove what has left."""
         for actor in self.actors:
-            beyond = isinstance(actor, PathVehicle) and actor.course is not None and actor.s_m > actor.ends_at_s_m
+            beyond = isinstance(actor, PathVehicle) and not actor.leaves_in_sight and actor.s_m > actor.ends_at_s_m
             if beyond and self.ego_distance_m(actor.position) > HIDDEN_M:
                 self.remove(actor)
         if self.roadside is not None:
@@ -288,17 +293,15 @@ class World:
         return self.route_s_m + self.ego.LENGTH / 2
 
     def speed_limit_at(self, s_m: float) -> float:
-        index = min(max(int(s_m * 2), 0), len(self.speed_limits) - 1)
-        return float(self.speed_limits[index])
+        return float(self.speed_limits[self.route.index_at(s_m)])
 
     def detour_offset_m(self, s_m: float) -> float:
         """Lateral offset of the reference detour from the route at `s_m`, left positive."""
-        index = min(max(int(s_m / SPACING_M), 0), len(self.detour_offsets_m) - 1)
-        return float(self.detour_offsets_m[index])
+        return float(self.detour_offsets_m[self.route.index_at(s_m)])
 
     def detour_window(self, s_m: float, ahead_m: float) -> Float64:
         """(M, 2) points of the reference detour from `s_m` to `s_m + ahead_m` of the route, 1 m apart."""
-        first = max(0, int(s_m / SPACING_M))
+        first = self.route.index_at(s_m)
         return self.detour_points_m[first : first + int(ahead_m / SPACING_M) : 2]
 
     def lateral_range_m(self, s_m: float) -> tuple[float, float]:
@@ -328,6 +331,7 @@ class World:
             self._index = {id(actor): i for i, actor in enumerate(everything)}
             self.half_widths = np.array([a.WIDTH / 2 for a in everything])
             self.half_lengths = np.array([a.LENGTH / 2 for a in everything])
+            self.walks = np.array([isinstance(a, Walker) for a in everything])
         self.positions = np.array([a.position for a in everything])
         self.headings = np.array([a.heading for a in everything])
         self.speeds = np.array([a.speed for a in everything])
@@ -340,8 +344,9 @@ class World:
 
     def _build_detour(self) -> None:
         spec = self.scene.route
-        stations = range(len(self.route.points_m))
-        self.detour_offsets_m = np.array([offset_m(spec.lane, spec.lane, spec.detour, i * SPACING_M) for i in stations])
+        stations = [self.route.station(i) for i in range(len(self.route.points_m))]
+        width = self.scene.layout.lane_width_m
+        self.detour_offsets_m = np.array([offset_m(spec.lane, spec.lane, spec.detour, s, width) for s in stations])
         yaw = self.route.headings_rad
         self.detour_points_m = self.route.points_m + self.detour_offsets_m[:, None] * np.stack(
             [-np.sin(yaw), np.cos(yaw)], 1
@@ -353,7 +358,7 @@ class World:
                 continue
             back = spec.detour[i + 1] if i + 1 < len(spec.detour) else None
             end = self.route.length_m if back is None else back.s_m + back.over_m
-            self.detours.append((out.s_m, end, -(out.to_lane - spec.lane) * LANE_WIDTH_M))
+            self.detours.append((out.s_m, end, -(out.to_lane - spec.lane) * width))
 
 
 def _draw(scenario: Scenario, draw: Draw) -> tuple[Draw, Scene, RoadMap]:

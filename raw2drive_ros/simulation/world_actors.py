@@ -12,7 +12,7 @@ from raw2drive_ros.simulation.background import Background
 from raw2drive_ros.simulation.courses import Course, Crossing, LaneRef
 from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.flows import Flow
-from raw2drive_ros.simulation.path import SPACING_M, Path
+from raw2drive_ros.simulation.path import Path
 from raw2drive_ros.simulation.right_of_way import main_arms
 from raw2drive_ros.simulation.roads import ARM_TURN_RAD
 from raw2drive_ros.simulation.roadside import Roadside, place_roadside
@@ -137,7 +137,7 @@ class WorldBuilder:
     def actor(self, spec: ActorSpec, rng: Rng) -> Actor:
         """The actor of a specification, not of a flow."""
         assert not isinstance(spec, FlowSpec)
-        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng)
+        look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng, self.world.draw.split)
         route = self.world.route
         if isinstance(spec, WalkerSpec):
             return Walker(route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.delay_s, spec.kind, look)
@@ -158,7 +158,7 @@ class WorldBuilder:
         if spec.meets_ego:
             assert isinstance(spec.place, AcrossJunction)
             steered = self._meeting(spec.place.junction, path)
-        return PathVehicle(
+        car = PathVehicle(
             path,
             s_m,
             spec.speed_mps,
@@ -175,6 +175,8 @@ class WorldBuilder:
             yields=spec.yields and not spec.ignores_traffic,
             obeys_lights=spec.obeys_lights and not spec.ignores_traffic,
         )
+        car.leaves_in_sight = False
+        return car
 
     def placed(self, place: Place, then: tuple[str, ...]) -> tuple[Path, Course | None, float]:
         """(path, course, arc length on it) of a place; an on-ramp has no course."""
@@ -186,7 +188,7 @@ class WorldBuilder:
             crossing = next(c for c in course.crossings if c.junction == place.junction)
             return course.path, course, crossing.stop_s_m - place.before_m
         x, y, _ = self.road.forward_path_cached().pose(place.at_m)
-        edges = self.road.backward if place.oncoming else self.road.forward
+        edges = self.road.lanes_along(oncoming=place.oncoming)
         ref = min(
             (book.lane(edge, place.lane) for edge in edges),
             key=lambda ref: (book.distance_m(ref, x, y), ref),
@@ -236,7 +238,7 @@ class WorldBuilder:
         own_at, ego_at = np.flatnonzero(own), np.flatnonzero(ego)
         gaps = path.points_m[own_at, None] - route.points_m[None, ego_at]
         i, j = np.unravel_index(np.argmin(np.einsum('abk,abk->ab', gaps, gaps)), (len(own_at), len(ego_at)))
-        return float(own_at[i]) * SPACING_M, float(ego_at[j]) * SPACING_M
+        return path.station(int(own_at[i])), route.station(int(ego_at[j]))
 
     def _stop_line_s_m(self, spec: TrafficSpec, path: Path) -> float:
         """Arc length of a vehicle's stop line before junction `spec.junction`, on its path."""
@@ -321,4 +323,6 @@ class WorldBuilder:
                 taken.append(np.array(path.pose(s_m, spec_actor.lateral_m)[:2]))
         sides = self._sides(spec)
         rng = self.world.draw.stream('roadside')
-        return Roadside(place_roadside(self.road, spec, np.array(taken).reshape(-1, 2), sides, rng))
+        return Roadside(
+            place_roadside(self.road, spec, np.array(taken).reshape(-1, 2), sides, rng, self.world.draw.split)
+        )

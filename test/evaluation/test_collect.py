@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+import paired_types
 import pytest
 
 from raw2drive_ros.cli.main import main
@@ -84,6 +85,26 @@ def test_an_episode_is_known_by_its_number_alone() -> None:
     assert episode_route(config, 777) == drawn(3, 800)[777] == episode_route(config, 777)
     one = CollectConfig(('Accident',), ticks=0, seed=3)
     assert episode_route(one, 7) == RouteId('Accident', TRAIN_SEED_START + 30_007)
+
+
+def test_a_third_of_the_episodes_of_paired_types_are_twins(monkeypatch, tmp_path, capsys) -> None:
+    paired_types.register(monkeypatch)
+    types = (paired_types.WALKER, paired_types.EMPTY, 'LaneFollowing')
+
+    def twins(share: float) -> list[RouteId]:
+        config = CollectConfig(types, ticks=0, seed=1, weathers=WEATHER_NAMES, twins=share)
+        return [route for route in (episode_route(config, number) for number in range(900)) if route.twin]
+
+    found = twins(1 / 3)
+    counts = Counter(route.type for route in found)
+    assert set(counts) == {paired_types.WALKER, paired_types.EMPTY}
+    assert all(70 < count < 130 for count in counts.values())
+    assert len({route.weather for route in found}) == len(WEATHER_NAMES)
+    assert (len(twins(0.0)), len(twins(1.0))) == (0, 600)
+    assert main(['collect', '--twins', '1.5', '--out', str(tmp_path / 'bags')]) == 2
+    assert '--twins 1.5' in capsys.readouterr().err
+    with pytest.raises(ValueError, match='twins 2'):
+        CollectConfig(types, ticks=0, twins=2.0)
 
 
 @pytest.mark.parametrize('bag_ticks', [1, 7, 1000])

@@ -86,11 +86,12 @@ def test_evaluation_is_repeatable_and_has_the_machine_form() -> None:
     first, second = (evaluate(DriverSpec('rule'), 'x', '1', routes) for _ in range(2))
     assert first['routes'] == second['routes']
     assert set(first) == {
-        'driver', 'suite', 'version', 'routes', 'missing', 'summary', 'abilities', 'flaky', 'timing',
+        'driver', 'suite', 'version', 'protocol', 'routes', 'missing', 'summary', 'abilities', 'flaky', 'timing',
     }  # fmt: skip
     assert set(first['routes'][0]) == {
         'id', 'type', 'seed', 'weather', 'repetition', 'route_completion', 'infraction_score', 'driving_score',
         'success', 'infractions', 'signs_obeyed', 'failure', 'duration_s', 'reward', 'efficiency', 'comfort',
+        'limit_s', 'reference_s', 'twin', 'needless_stop_s',
     }  # fmt: skip
     assert {'mean', 'low', 'high', 'routes'} == set(first['summary']['driving_score'])
 

@@ -66,11 +66,12 @@ def test_the_bytes_of_a_file_are_these(tmp_path) -> None:
     file.add(result(ROUTES[0]))
     assert (tmp_path / 'x.jsonl').read_text() == (
         '{"status": "failed, no data", "started": 1.5, "driver": "rule", "suite": "s", "version": "2", '
-        '"bench2drive_compat": false, "routes": ["Accident/0"]}\n'
+        '"protocol": "pairs", "bench2drive_compat": false, "routes": ["Accident/0"]}\n'
         '{"id": "Accident/0", "type": "Accident", "seed": 0, "weather": "ClearNoon", "repetition": 0, '
         '"route_completion": 100.0, "infraction_score": 0.7, "driving_score": 70.0, "success": false, '
         '"infractions": {"red_light": 1}, "signs_obeyed": false, "failure": "", "duration_s": 9.5, '
-        '"reward": -0.125, "efficiency": null, "comfort": 50.0, "limit_s": null}\n'
+        '"reward": -0.125, "efficiency": null, "comfort": 50.0, "limit_s": null, "reference_s": null, "twin": false, '
+        '"needless_stop_s": null}\n'
     )
 
 
@@ -139,6 +140,7 @@ def test_results_of_another_driver_are_not_mixed_in(tmp_path) -> None:
         ({'driver': 'idm'}, "driver 'rule', not 'idm'"),
         ({'suite': 't'}, "suite 's', not 't'"),
         ({'version': '3'}, "version '2', not '3'"),
+        ({'protocol': 'bench2drive'}, "protocol 'pairs', not 'bench2drive'"),
         ({'bench2drive_compat': True}, 'bench2drive_compat False, not True'),
         ({'routes': ['Accident/0', 'Accident/2']}, 'ParkedObstacle/3/FogNoon/1, which is not asked for now'),
     ],
@@ -298,6 +300,8 @@ BAD = {
     "'Accident' is not of the form": {'id': 'Accident'},
     'unknown weather': {'weather': 'Snow'},
     'id Accident/0 is not that of HighwayExit/0/ClearNoon/0': {'type': 'HighwayExit'},
+    'id Accident/0 is not that of Accident/0/ClearNoon/0, a twin': {'twin': True},
+    'limit_s: -inf is not finite': {'limit_s': float('-inf')},
     'seed: True is not of type int': {'seed': True},
     'success: 1 is not of type bool': {'success': 1},
     'failure: None is not of type str': {'failure': None},

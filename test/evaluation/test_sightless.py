@@ -151,7 +151,7 @@ def test_a_quick_drive_ends_when_it_has_failed() -> None:
 
 
 def recorded(kind, seed) -> list[Recorded]:
-    runner = ReferenceRunner(References('expert', ''))
+    runner = ReferenceRunner(References('rule', ''))
     return [runner.drive(RouteId(kind, seed, twin=twin)).memory for twin in (False, True)]
 
 

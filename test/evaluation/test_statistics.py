@@ -26,12 +26,13 @@ def row(kind: str, seed: int, score: float, *, success: bool | None = None, repe
         'route_completion': 100.0, 'infraction_score': score / 100, 'driving_score': score,
         'success': score == 100.0 if success is None else success, 'infractions': {}, 'signs_obeyed': False,
         'failure': '', 'duration_s': 10.0, 'reward': 1.0, 'efficiency': None, 'comfort': None,
+        'limit_s': None, 'reference_s': None, 'twin': False, 'needless_stop_s': None,
     } | more  # fmt: skip
 
 
 def results(rows, wanted=None, **header) -> Results:
     routes = [r['id'] for r in rows] if wanted is None else wanted
-    return Results({'driver': 'x', 'suite': 's', 'version': '1', 'routes': routes} | header, rows)
+    return Results({'driver': 'x', 'suite': 's', 'version': '1', 'protocol': 'pairs', 'routes': routes} | header, rows)
 
 
 def test_missing_routes_count_as_zero_and_are_listed() -> None:
@@ -41,7 +42,9 @@ def test_missing_routes_count_as_zero_and_are_listed() -> None:
     assert found['driving_score']['mean'] == pytest.approx(100.0 / 3)
     assert found['success_rate']['mean'] == pytest.approx(100.0 / 3)
     assert (found['wanted'], found['driven']) == (3, 1)
-    assert by_type(run)['Accident'] == {'drives': 2, 'successes': 1, 'driving_score': 50.0}
+    assert by_type(run)['Accident'] == {
+        'drives': 2, 'successes': 1, 'driving_score': 50.0, 'pairs': 0, 'pairs_won': 0
+    }  # fmt: skip
 
 
 def test_undefined_values_are_left_out_and_not_zero() -> None:
@@ -69,11 +72,12 @@ def test_clustering_by_route_is_wider_than_counting_drives() -> None:
     assert ratio == pytest.approx(np.sqrt(5), rel=0.2)
 
 
-def test_traffic_sign_counts_obeyed_signs_and_missing_routes_fail() -> None:
-    rows = [row('EnterActorFlow', 0, 60.0, signs_obeyed=True)]
-    found = by_ability(results(rows, ['EnterActorFlow/0', 'EnterActorFlow/1']))
-    assert found['TrafficSign']['mean'] == 50.0
-    assert found['Merging']['mean'] == 0.0
+def test_traffic_sign_counts_each_drive_twice_and_missing_routes_fail() -> None:
+    """(successes + passes) / 2N: one of each, of three routes; a success is a pass even without a junction."""
+    rows = [row('EnterActorFlow', 0, 60.0, signs_obeyed=True), row('EnterActorFlow', 1, 100.0)]
+    found = by_ability(results(rows, ['EnterActorFlow/0', 'EnterActorFlow/1', 'EnterActorFlow/2']))
+    assert found['TrafficSign']['mean'] == pytest.approx(100.0 * (1 + 2) / (2 * 3))
+    assert found['Merging']['mean'] == pytest.approx(100.0 / 3)
     assert 'mean' not in found
 
 

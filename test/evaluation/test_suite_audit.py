@@ -7,12 +7,12 @@ import pytest
 from paired_types import EMPTY, WALKER
 
 from raw2drive_ros.cli.main import main
-from raw2drive_ros.evaluation import cheats
+from raw2drive_ros.evaluation import cheat_tuning, cheats
 from raw2drive_ros.evaluation.cheat_tuning import Course, Trials, TuneSettings, search, together, tune
 from raw2drive_ros.evaluation.cheats import FAMILIES, SCRIPT, SIGHTLESS, Choice, Tuned, load_tuned
 from raw2drive_ros.evaluation.quick_drive import sensorless_env
 from raw2drive_ros.evaluation.reference import References
-from raw2drive_ros.evaluation.sightless import Profile
+from raw2drive_ros.evaluation.sightless import Profile, Stop
 from raw2drive_ros.evaluation.suite_audit import (
     HINDSIGHT,
     AuditRow,
@@ -93,6 +93,23 @@ def test_the_search_finds_the_speed_that_fits_the_limits() -> None:
     assert search('crawl', trials).won == 0
     # Nothing was driven for it: the limits alone rule every speed out.
     assert trials.known == {}
+
+
+def test_a_profile_that_differs_after_a_failure_is_not_driven_again(monkeypatch) -> None:
+    """What is left out would have failed: the same stops are driven without the short cut."""
+    drives = tuple(RouteId(WALKER, seed) for seed in (100_000, 100_001))
+    env = sensorless_env()
+    ways = [Profile(stops=(Stop(at, 4.0),)) for at in (0.3, 0.5, 0.7, 0.9)] + [Profile(slow=(0.8, 0.9, 2.0))]
+    trials = Trials(env, [Course((route,), (None,)) for route in drives])
+    assert trials.wins(Profile(), 0) == trials.wins(Profile(), 1) == (False, False)
+    driven = []
+    original = cheat_tuning.quick_drive
+    monkeypatch.setattr(cheat_tuning, 'quick_drive', lambda *given: driven.append(given[2]) or original(*given))
+    found = [trials.wins(way, number) for way in ways for number in (0, 1)]
+    assert 0 < len(driven) < len(found)
+    every = Trials(env, trials.courses)
+    assert found == [every.wins(way, number) for way in ways for number in (0, 1)]
+    assert any(whole for whole, _ in found)
 
 
 def test_tuning_takes_limits_and_memories_from_the_reference_driver(tmp_path, monkeypatch) -> None:

@@ -112,7 +112,8 @@ def test_collision_ends_the_episode_with_minus_one_minus_speed() -> None:
         if terminated:
             break
     assert info['cause'].startswith('collision')
-    assert reward == pytest.approx(-1.0 - env.world.ego.speed)
+    assert reward == pytest.approx(-1.0 - env.world.contacts[0].ego_speed_mps)
+    assert env.world.ego.speed < env.world.contacts[0].ego_speed_mps
 
 
 def test_goal_is_a_truncation_with_reward_one() -> None:

@@ -24,7 +24,8 @@ def plain(around: list[np.ndarray], shown: list[np.ndarray], pad_m: tuple[float,
     points = np.concatenate(around)
     low, high = points.min(axis=0) - 8.0 - np.array(pad_m), points.max(axis=0) + 8.3
     square = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
-    return SimpleNamespace(sidewalks_m=[], surfaces_m=[square], markings=[Marking('white', line) for line in shown])
+    lines = [Marking('white', line) for line in shown]
+    return SimpleNamespace(sidewalks_m=[], islands_m=[], surfaces_m=[square], markings=lines)
 
 
 def line_errors_m(yaw_rad: float, pad_m: tuple[float, float]) -> np.ndarray:

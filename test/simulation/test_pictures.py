@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from raw2drive_ros.contracts.public import Control
-from raw2drive_ros.simulation.actors import BODIES_M, SIZES_M, Look, PathVehicle, StandingObject, Walker
+from raw2drive_ros.simulation.actor_shapes import actor_shape
+from raw2drive_ros.simulation.actors import Look, PathVehicle, StandingObject, Walker
 from raw2drive_ros.simulation.camera_rig import CAMERA_NAMES, camera_rig
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
-from raw2drive_ros.simulation.shapes import actor_shape
+from raw2drive_ros.simulation.looks import BODIES_M, SIZES_M
 from raw2drive_ros.tables.bev_channels import CHANNELS, EGO_COLUMN_PX, EGO_ROW_PX, PIXELS_PER_M
 
 

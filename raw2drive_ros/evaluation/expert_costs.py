@@ -1,0 +1,132 @@
+"""What a plan is worth: metres of progress, less what may happen to the ego and what it does to others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raw2drive_ros.contracts.public import Float64
+from raw2drive_ros.evaluation.expert_belief import SOFT
+from raw2drive_ros.evaluation.expert_map import poses_at
+from raw2drive_ros.evaluation.expert_options import Option
+from raw2drive_ros.evaluation.expert_plans import HALF_LENGTH_M, HALF_WIDTH_M, Plan, Rollouts
+from raw2drive_ros.evaluation.expert_prediction import LIKELY
+from raw2drive_ros.evaluation.expert_situation import Situation
+
+COLLISION, CLOSE, IMPOSED, HARSH = 400.0, 28.0, 14.0, 0.5
+# Of the others' boxes: to the front and back per m/s, and to the sides.
+LONGER_S, LONGER_M, WIDER_M, WIDER_SOFT_M, TOUCH_M = 0.6, 0.4, 0.25, 0.6, 0.12
+ACROSS_SIN = 0.3
+# To pass closely in front of or behind somebody who crosses is worse than to pass closely beside somebody.
+CROSSING_FACTOR = 3.0
+IMPOSED_FREE_MPS2 = 2.0
+HARSH_MPS2 = 2.6
+# A feared hypothesis counts when stopping for it takes more than this.
+FEARED_MPS2 = 3.2
+STANDING_MPS = 0.3
+NEAR_M = 9.0
+OFFSET_COST = 0.25
+# To change one's mind, and to do so between two lanes.
+SWITCH_COST, SWITCH_BETWEEN_COST, BETWEEN_M = 2.0, 6.0, 0.7
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class Verdict:
+    """score: (P,) metres. worst: (P,) index of the hypothesis that costs most, -1 without. clean: (P,) bool."""
+
+    score: Float64
+    worst: Ints
+    clean: NDArray[np.bool_]
+    collides: NDArray[np.bool_]
+
+
+def judge(situation: Situation, found: list[Option], chosen: list[Plan], driven: Rollouts, current: str) -> Verdict:
+    """The worth of every plan. current: family of the option that the ego is following."""
+    view = situation.forecast
+    horizon = float(view.times_s[-1])
+    progress = driven.s[:, -1] - situation.s + 0.6 * driven.speed[:, -1]
+    hit, near = contacts(situation, driven)
+    late = 1.0 - 0.5 * view.times_s / horizon
+    counted = _counted(situation, view.weight)
+    cost = np.zeros((len(chosen), len(view.weight)))
+    if hit.size:
+        worst_hit = (hit * late).max(axis=2)
+        worst_near = (near * late).max(axis=2)
+        cost = COLLISION * worst_hit * counted + CLOSE * worst_near * counted
+        cost += IMPOSED * np.maximum(driven.imposed - IMPOSED_FREE_MPS2, 0.0) * np.minimum(counted * 2.0, 1.0)
+    step_s = float(view.times_s[1])
+    harsh = HARSH * (np.maximum(-driven.acceleration - HARSH_MPS2, 0.0) ** 2).sum(axis=1) * step_s
+    between = abs(situation.d - situation.lanes.width_m * round(situation.d / situation.lanes.width_m)) > BETWEEN_M
+    switch = SWITCH_BETWEEN_COST if between else SWITCH_COST
+    own = np.array([found[plan.option].cost + switch * (found[plan.option].family != current) for plan in chosen])
+    own += OFFSET_COST * np.abs(driven.d).mean(axis=1)
+    score = progress - harsh - own - (cost.max(axis=1) + 0.1 * cost.sum(axis=1) if cost.size else 0.0)
+    peak = cost.max(axis=1) if cost.size else np.zeros(len(chosen))
+    worst = np.where(peak > 0.0, cost.argmax(axis=1), -1) if cost.size else np.full(len(chosen), -1)
+    return Verdict(score, worst, peak < 3.0, peak > 0.4 * COLLISION)
+
+
+def _counted(situation: Situation, weight: Float64) -> Float64:
+    """(N,) weight of each hypothesis. A feared one counts fully once stopping for it takes real braking, before not."""
+    view = situation.forecast
+    inside = (np.abs(view.d) < view.half_d + HALF_WIDTH_M + 0.3) & (view.s > situation.front_m - 1.0)
+    at = np.where(inside, view.s - view.half_s, np.inf).min(axis=1, initial=np.inf)
+    room = np.maximum(at - 2.0 - situation.front_m - 0.25 * situation.speed, 0.2)
+    needed = situation.speed**2 / (2.0 * room)
+    feared = (needed > FEARED_MPS2).astype(float)
+    return np.where(weight >= LIKELY, np.minimum(weight + 0.3, 1.0), np.where(weight > 0.05, 0.7 * feared, 0.0))
+
+
+def contacts(situation: Situation, driven: Rollouts) -> tuple[NDArray[np.bool_], Float64]:
+    """(P, N, T) whether boxes touch, and how much of the margins is used: 0 or up to 1."""
+    view = situation.forecast
+    shape = (*driven.s.shape[:1], *view.s.shape)
+    hit, near = np.zeros(shape, bool), np.zeros(shape)
+    if not view.weight.size:
+        return hit, near
+    x, y, yaw = poses_at(situation.world.route, driven.s, driven.d)
+    yaw = yaw + np.arctan(driven.slope)
+    lag = driven.lag
+    dx = view.x[None] - lag * np.cos(view.yaw)[None] - x[:, None]
+    dy = view.y[None] - lag * np.sin(view.yaw)[None] - y[:, None]
+    reach = (view.length / 2 + NEAR_M)[None, :, None]
+    pairs = np.nonzero((dx * dx + dy * dy < reach * reach) & (driven.speed > STANDING_MPS)[:, None])
+    if not len(pairs[0]):
+        return hit, near
+    plan, other, time = pairs
+    own_yaw = yaw[plan, time]
+    relative = view.yaw[other, time] - own_yaw
+    cos, sin = np.cos(own_yaw), np.sin(own_yaw)
+    px, py = dx[pairs], dy[pairs]
+    along, across = px * cos + py * sin, -px * sin + py * cos
+    half_length, half_width = view.length[other] / 2, view.width[other] / 2
+    soft = np.array([h.track.kind in SOFT for h in view.hypotheses])[other]
+    wider = np.where(soft, WIDER_SOFT_M, WIDER_M)
+    crossing = np.abs(np.sin(relative)) > ACROSS_SIN
+    speed = view.speed[other, time]
+    longer = np.where(crossing, LONGER_M + LONGER_S * speed, LONGER_M) * (speed > STANDING_MPS)
+    hit[pairs] = _overlap(along, across, relative, half_length + TOUCH_M, half_width + TOUCH_M)
+    pace = np.minimum(driven.speed[plan, time] / 4.0, 1.0)
+    near[pairs] = (
+        pace
+        * np.where(crossing, CROSSING_FACTOR, 1.0)
+        * _overlap(along, across, relative, half_length + longer, half_width + wider)
+    )
+    return hit, near
+
+
+def _overlap(along: Float64, across: Float64, relative: Float64, length: Float64, width: Float64) -> NDArray[np.bool_]:
+    """Whether the ego's box overlaps boxes of half extents `length`, `width` at (along, across), turned by `relative`."""
+    cos, sin = np.abs(np.cos(relative)), np.abs(np.sin(relative))
+    apart = np.abs(along) > HALF_LENGTH_M + length * cos + width * sin
+    apart |= np.abs(across) > HALF_WIDTH_M + length * sin + width * cos
+    turned_cos, turned_sin = np.cos(relative), np.sin(relative)
+    own_along = np.abs(along * turned_cos + across * turned_sin)
+    own_across = np.abs(-along * turned_sin + across * turned_cos)
+    apart |= own_along > length + HALF_LENGTH_M * cos + HALF_WIDTH_M * sin
+    apart |= own_across > width + HALF_LENGTH_M * sin + HALF_WIDTH_M * cos
+    return ~apart
