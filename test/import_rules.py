@@ -13,7 +13,7 @@ NAME = 'raw2drive_ros'
 FLOORS: tuple[tuple[str, ...], ...] = (
     ('benchmarks', 'examples', 'launch'),
     (f'{NAME}.cli',),
-    (f'{NAME}.graph',),
+    (f'{NAME}.graph', f'{NAME}.gym'),
     (f'{NAME}.nodes', f'{NAME}.report'),
     (f'{NAME}.evaluation',),
     (f'{NAME}.training',),

@@ -128,6 +128,7 @@ def test_the_walks_of_the_architecture_go_straight_down(known) -> None:
                     'conformance',
                     'report',
                     'graph',
+                    'gym',
                     'cli',
                 )
             ],

@@ -3,6 +3,7 @@
 raw2drive evaluate --driver examples.drivers.pure_pursuit:PurePursuit --driver-args speed_mps=6 --routes lane-following
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -24,7 +25,7 @@ class PurePursuit:
     def drive(self, sensors: Sensors) -> Control:
         """Aim at a point of the line through the checkpoints, 4 m ahead and more when it is fast."""
         here, points = sensors.odometry, sensors.route.checkpoints_m
-        steps = [np.linspace(a, b, 50, endpoint=False) for a, b in zip(points, points[1:])]
+        steps = [np.linspace(a, b, 50, endpoint=False) for a, b in itertools.pairwise(points)]
         line = np.concatenate([*steps, points[-1:]]) - (here.x_m, here.y_m)
         distance = np.hypot(line[:, 0], line[:, 1])
         ahead = np.flatnonzero(distance[distance.argmin() :] > 4.0 + 0.5 * here.speed_mps)

@@ -121,7 +121,7 @@ class DriverClassError(UserError, ValueError):
     exit_code = 2
 
 
-class DriverFault(UserError, RuntimeError):
+class DriverFailedError(UserError, RuntimeError):
     """A driver given as a class raised, returned no command, ended or did not answer during a drive."""
 
 

@@ -26,7 +26,7 @@ from typing import Any
 
 from raw2drive_ros.artifact import hash_of_file
 from raw2drive_ros.contracts.actions import ACTION_COUNT, ACTIONS, nearest_action
-from raw2drive_ros.contracts.errors import ContractError, DriverClassError, DriverFault
+from raw2drive_ros.contracts.errors import ContractError, DriverClassError, DriverFailedError
 from raw2drive_ros.contracts.near_names import did_you_mean
 from raw2drive_ros.contracts.public import Control
 
@@ -186,13 +186,13 @@ def source_hash(found: type) -> str:
 
 
 def command_of(answer: Any) -> tuple[Control, int]:
-    """(control, index in the action table or the nearest one) that `drive` has returned. Raises DriverFault."""
+    """(control, index in the action table or the nearest one) that `drive` has returned. Raises DriverFailedError."""
     if isinstance(answer, Control):
         control = answer
     elif isinstance(answer, numbers.Integral) and not isinstance(answer, bool):
         action = int(answer)
         if not 0 <= action < ACTION_COUNT:
-            raise DriverFault(f'drive returned action {action}, which is not in the table of {ACTION_COUNT}')
+            raise DriverFailedError(f'drive returned action {action}, which is not in the table of {ACTION_COUNT}')
         return ACTIONS[action], action
     else:
         throttle, brake, steer = _three(answer)
@@ -201,7 +201,7 @@ def command_of(answer: Any) -> tuple[Control, int]:
         control.validate()
         return control, nearest_action(control)
     except (ContractError, TypeError) as error:
-        raise DriverFault(f'drive returned no command: {error}') from error
+        raise DriverFailedError(f'drive returned no command: {error}') from error
 
 
 def _three(answer: Any) -> tuple[float, float, float]:
@@ -209,7 +209,7 @@ def _three(answer: Any) -> tuple[float, float, float]:
         values = [float(value) for value in answer]
     except (TypeError, ValueError) as error:
         text = 'a Control, an index of the action table, or (throttle, brake, steer)'
-        raise DriverFault(f'drive returned {type(answer).__name__}, not {text}') from error
+        raise DriverFailedError(f'drive returned {type(answer).__name__}, not {text}') from error
     if len(values) != 3 or not all(map(math.isfinite, values)):
-        raise DriverFault(f'drive returned {values}, not three finite numbers: throttle, brake, steer')
+        raise DriverFailedError(f'drive returned {values}, not three finite numbers: throttle, brake, steer')
     return values[0], values[1], values[2]

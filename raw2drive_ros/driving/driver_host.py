@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from raw2drive_ros.contracts.errors import DriverClassError, DriverFault
+from raw2drive_ros.contracts.errors import DriverClassError, DriverFailedError
 from raw2drive_ros.contracts.public import CameraCalibration, ImuSample, OdometrySample, Route
 from raw2drive_ros.driving.driver_class import (
     PRIVILEGED,
@@ -75,7 +75,7 @@ class Host:
             images = self._images(request['images']) if 'images' in request else None
             try:
                 answer = self._reset(request) if 'seed' in request else self._drive(request, images)
-            except DriverFault as error:
+            except DriverFailedError as error:
                 answer = {'fault': str(error)}
             except Exception as error:
                 answer = {'fault': described(error)}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from raw2drive_ros.artifact import hash_of_file
-from raw2drive_ros.contracts.errors import DriverFault
+from raw2drive_ros.contracts.errors import DriverFailedError
 from raw2drive_ros.contracts.public import CameraCalibration, Control, Decision, SensorFrame
 from raw2drive_ros.driving.driver_class import (
     PRIVILEGED,
@@ -148,6 +148,6 @@ class PrivilegedClassDriver:
             answer = self.driver.drive(Sensors(frame.stamp_ns, (frame.stamp_ns - self.begun_ns) * 1e-9, given))
             control, action = command_of(answer)
         except Exception as error:
-            why = str(error) if isinstance(error, DriverFault) else described(error)
-            raise DriverFault(f'driver {self.name}: {why}') from error
+            why = str(error) if isinstance(error, DriverFailedError) else described(error)
+            raise DriverFailedError(f'driver {self.name}: {why}') from error
         return Decision(frame.stamp_ns, control, action)

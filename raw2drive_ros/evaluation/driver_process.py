@@ -12,7 +12,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
 
-from raw2drive_ros.contracts.errors import DriverClassError, DriverFault
+from raw2drive_ros.contracts.errors import DriverClassError, DriverFailedError
 from raw2drive_ros.driving.driver_class import PRIVILEGED
 from raw2drive_ros.safe_path import safe_path_variables
 
@@ -56,23 +56,23 @@ class DriverProcess:
         return self.close.alive and self.process.poll() is None
 
     def ask(self, request: Mapping[str, Any], images: bytes | None = None) -> dict[str, Any]:
-        """The answer to a request. Raises DriverFault."""
+        """The answer to a request. Raises DriverFailedError."""
         try:
             self.link.send_bytes(json.dumps(request).encode())
             if images is not None:
                 self.link.send_bytes(images)
         except OSError as error:
-            raise DriverFault(f'driver {self.name}: {self._ended()}') from error
+            raise DriverFailedError(f'driver {self.name}: {self._ended()}') from error
         answer = self._received(DECIDING_S)
         if 'fault' in answer:
-            raise DriverFault(f'driver {self.name}: {answer["fault"]}')
+            raise DriverFailedError(f'driver {self.name}: {answer["fault"]}')
         return answer
 
     def _loaded(self) -> dict[str, Any]:
         """The next answer while the class is loaded."""
         try:
             answer = self._received(LOADING_S)
-        except DriverFault as error:
+        except DriverFailedError as error:
             raise DriverClassError(str(error)) from error
         if 'refused' in answer:
             self.close()
@@ -84,14 +84,14 @@ class DriverProcess:
             if not self.link.poll(timeout_s):
                 self.process.kill()
                 self.close()
-                raise DriverFault(f'driver {self.name}: no answer within {timeout_s:g} s')
+                raise DriverFailedError(f'driver {self.name}: no answer within {timeout_s:g} s')
             answer = json.loads(self.link.recv_bytes())
         except (EOFError, OSError) as error:
-            raise DriverFault(f'driver {self.name}: {self._ended()}') from error
+            raise DriverFailedError(f'driver {self.name}: {self._ended()}') from error
         except ValueError as error:
-            raise DriverFault(f'driver {self.name}: its process answered what is not JSON: {error}') from error
+            raise DriverFailedError(f'driver {self.name}: its process answered what is not JSON: {error}') from error
         if not isinstance(answer, dict):
-            raise DriverFault(f'driver {self.name}: its process answered {type(answer).__name__}')
+            raise DriverFailedError(f'driver {self.name}: its process answered {type(answer).__name__}')
         return answer
 
     def _ended(self) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from raw2drive_ros.contracts.errors import DriverFault
+from raw2drive_ros.contracts.errors import DriverFailedError
 from raw2drive_ros.contracts.public import Decision
 from raw2drive_ros.contracts.texts import shown
 from raw2drive_ros.evaluation.driver_spec import DriverSpec
@@ -98,7 +98,7 @@ class RouteRunner:
             compat = self.conditions.bench2drive_compat
             limit_s = self.conditions.limits_s.get(route)
             drive = drive_route(self.env, self.driver, route, on_tick, bench2drive_compat=compat, time_limit_s=limit_s)
-        except DriverFault as error:
+        except DriverFailedError as error:
             print(f'{route}: {shown(error)}', file=sys.stderr)
             return failed_route(route, str(error)), []
         except Exception as error:

@@ -20,7 +20,7 @@ from raw2drive_ros.simulation.conduct import (
     has_reason_to_stand,
 )
 from raw2drive_ros.simulation.contact import Contact, key_of
-from raw2drive_ros.simulation.footprint import LANE_CHANGE_M, LANE_TOLERANCE_M, on_road, straddles
+from raw2drive_ros.simulation.footprint import LANE_CHANGE_M, LANE_TOLERANCE_M, Way, on_road, ways_of
 from raw2drive_ros.simulation.protocol import BENCH2DRIVE, PAIRS
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ
@@ -91,7 +91,8 @@ class Criteria:
     needless_s: float = 0.0
     needless_stop_s: float = 0.0
 
-    def step(self, world: World) -> list[str]:
+    def step(self, world: World, way: Way | None = None) -> list[str]:
+        """way: where the ego is, for who knows it already; see `footprint.ways_of`."""
         if self.start_s_m is None:
             self.start_s_m = self.best_s_m = self.last_front_s_m = world.scene.route.start_s_m
             self.last_front_s_m += world.ego.LENGTH / 2
@@ -101,7 +102,7 @@ class Criteria:
             happened.append(rule)
         for name in happened:
             self.events[name] = self.events.get(name, 0) + 1
-        self._measure_way(world)
+        self._measure_way(world, ways_of([world])[0] if way is None else way)
         if route_deviation_m(world) < PROGRESS_WITHIN_M:
             self.best_s_m = max(self.best_s_m, world.route_s_m)
         self._compare_speeds(world)
@@ -162,14 +163,14 @@ class Criteria:
     def outside_percent(self) -> float:
         return 100.0 * self.outside_m / self.travelled_m if self.travelled_m > 0 else 0.0
 
-    def _measure_way(self, world: World) -> None:
+    def _measure_way(self, world: World, way: Way) -> None:
         """Add the way of this step, and what of it was outside the lanes."""
         moved = abs(world.ego.speed) / DECISION_HZ
         self.travelled_m += moved
         # A lane change may take its way; what was used up comes back by driving within a lane.
-        change = moved if straddles(world) else -moved
+        change = moved if way.straddles else -moved
         self.straddled_m = min(max(0.0, self.straddled_m + change), LANE_CHANGE_M + moved)
-        outside = self.straddled_m > LANE_CHANGE_M or not on_road(world)
+        outside = self.straddled_m > LANE_CHANGE_M or not way.on_road
         self.step_outside_m = moved if outside else 0.0
         self.outside_m += self.step_outside_m
 

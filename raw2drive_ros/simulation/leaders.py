@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,22 +68,43 @@ class PathBank:
         return found
 
 
+class _Part(NamedTuple):
+    """What the search needs of one world. rows: of the followers. one, other: pairs, see `_pairs`."""
+
+    world: World
+    followers: Sequence[PathVehicle]
+    rows: Ints
+    one: Ints
+    other: Ints
+    samples: Float64
+    residue: Float64
+
+
 def find_leaders(world: World, vehicles: Sequence[PathVehicle]) -> None:
     """Set `gap_m`, `closing_mps`, `leader_row` (of the world's arrays) of each vehicle to the leading actor on its
     path, and `others_gap_m`, `others_closing_mps` to the leading one but the ego; (inf, 0, -1) without one.
 
     Vehicles that ignore traffic are left out.
     """
-    followers = [vehicle for vehicle in vehicles if not vehicle.ignores_traffic]
-    for vehicle in followers:
-        vehicle.gap_m, vehicle.closing_mps, vehicle.leader_row = NOBODY
-        vehicle.others_gap_m, vehicle.others_closing_mps = math.inf, 0.0
-    if not followers:
-        return
-    rows = np.array([world.index_of(vehicle) for vehicle in followers])
-    one, other = _pairs(world, rows)
-    if len(one):
-        _search(world, followers, rows, one, other)
+    find_leaders_in([(world, vehicles)])
+
+
+def find_leaders_in(groups: Sequence[tuple[World, Sequence[PathVehicle]]]) -> None:
+    """`find_leaders` in several worlds at once, which takes less time than one after the other."""
+    parts = []
+    for world, vehicles in groups:
+        followers = [vehicle for vehicle in vehicles if not vehicle.ignores_traffic]
+        for vehicle in followers:
+            vehicle.gap_m, vehicle.closing_mps, vehicle.leader_row = NOBODY
+            vehicle.others_gap_m, vehicle.others_closing_mps = math.inf, 0.0
+        if not followers:
+            continue
+        rows = np.array([world.index_of(vehicle) for vehicle in followers])
+        one, other = _pairs(world, rows)
+        if len(one):
+            parts.append(_Part(world, followers, rows, one, other, *_samples(world, followers, rows)))
+    if parts:
+        _Search(parts).run()
 
 
 def _pairs(world: World, rows: Ints) -> tuple[Ints, Ints]:
@@ -99,43 +120,74 @@ def _pairs(world: World, rows: Ints) -> tuple[Ints, Ints]:
     return one, other
 
 
-def _search(world: World, followers: Sequence[PathVehicle], rows: Ints, one: Ints, other: Ints) -> None:
-    samples, residue = _samples(world, followers, rows)
-    x, y, cos, sin = (samples[one, :, k] for k in range(4))
-    yaw = world.headings[other]
-    other_cos, other_sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    # Who walks takes up the way ahead, too.
-    half_walk = (0.5 * WALK_AHEAD_S * np.where(world.walks, world.speeds, 0.0))[other][:, None]
-    dx = x - world.positions[other, 0, None] - half_walk * other_cos
-    dy = y - world.positions[other, 1, None] - half_walk * other_sin
-    # In the frame of the other actor, a cross-section of the follower reaches `across` * half its width from its
-    # middle along the length of the other, and `along` * half its width along the width.
-    along, across = np.abs(cos * other_cos + sin * other_sin), np.abs(sin * other_cos - cos * other_sin)
-    ego = len(world.actors)
-    margin = np.where((other == ego) & (world.ego.speed > STANDING_MPS), 0.0, MARGIN_M)
-    half = (world.half_widths[rows][one] + margin)[:, None]
-    # Half a step more along the way, so that nothing is missed between two samples.
-    over_length = world.half_lengths[other][:, None] + half_walk + half * across + HALF_STEP_M * along
-    over_length -= np.abs(dx * other_cos + dy * other_sin)
-    over_width = world.half_widths[other][:, None] + half * along + HALF_STEP_M * across
-    over_width -= np.abs(dy * other_cos - dx * other_sin)
-    hits = (over_length > 0.0) & (over_width > 0.0)
-    first = hits.argmax(axis=1)
-    found = np.flatnonzero(hits[np.arange(len(one)), first])
-    if not len(found):
-        return
-    at = first[found] * STEP_M
-    hit = (found, first[found])
-    one, other, along, across = one[found], other[found], along[hit], across[hit]
-    # From the first sample that touches back to where the surfaces meet.
-    one_way = along > across
-    deep = np.where(one_way, over_length[hit], over_width[hit]) / np.maximum(along, across)
-    beyond_middle = dx[hit] * cos[hit] + dy[hit] * sin[hit]
-    deep += 2.0 * np.maximum(beyond_middle, 0.0)
-    gap = at + HALF_STEP_M - np.where(at > 0.0, np.minimum(deep, STEP_M), deep) - residue[one]
-    facing = cos[hit] * other_cos[found, 0] + sin[hit] * other_sin[found, 0]
-    closing = world.speeds[rows[one]] - world.speeds[other] * facing
-    _assign(world, followers, zip(one.tolist(), other.tolist(), gap.tolist(), closing.tolist(), facing.tolist()))
+def _joined(arrays: Sequence[Any]) -> Any:
+    """Arrays of several worlds one after another; that of a single one as it is."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+class _Search:
+    """The arrays of all parts one after another: rows of actors and of followers are counted on."""
+
+    def __init__(self, parts: Sequence[_Part]) -> None:
+        self.parts = parts
+        worlds = [part.world for part in parts]
+        self.first_row = np.cumsum([0, *(len(world.positions) for world in worlds)])
+        self.first_follower = np.cumsum([0, *(len(part.rows) for part in parts)])
+        self.rows = _joined([part.rows + begin for part, begin in zip(parts, self.first_row)])
+        self.one = _joined([part.one + begin for part, begin in zip(parts, self.first_follower)])
+        self.other = _joined([part.other + begin for part, begin in zip(parts, self.first_row)])
+        self.samples, self.residue = (_joined([part[i] for part in parts]) for i in (5, 6))
+        self.positions, self.headings, self.speeds, self.half_widths, self.half_lengths, self.walks = (
+            _joined([getattr(world, name) for world in worlds])
+            for name in ('positions', 'headings', 'speeds', 'half_widths', 'half_lengths', 'walks')
+        )
+        # The ego of each world is its last row.
+        self.margins = np.full(len(self.positions), MARGIN_M)
+        self.margins[self.first_row[1:] - 1] = [MARGIN_M * (world.ego.speed <= STANDING_MPS) for world in worlds]
+
+    def run(self) -> None:
+        """Find the first hit of each pair, and give it to the follower."""
+        one, other = self.one, self.other
+        x, y, cos, sin = (self.samples[one, :, k] for k in range(4))
+        yaw = self.headings[other]
+        other_cos, other_sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+        # Who walks takes up the way ahead, too.
+        half_walk = (0.5 * WALK_AHEAD_S * np.where(self.walks, self.speeds, 0.0))[other][:, None]
+        dx = x - self.positions[other, 0, None] - half_walk * other_cos
+        dy = y - self.positions[other, 1, None] - half_walk * other_sin
+        # In the frame of the other actor, a cross-section of the follower reaches `across` * half its width from its
+        # middle along the length of the other, and `along` * half its width along the width.
+        along, across = np.abs(cos * other_cos + sin * other_sin), np.abs(sin * other_cos - cos * other_sin)
+        half = (self.half_widths[self.rows][one] + self.margins[other])[:, None]
+        # Half a step more along the way, so that nothing is missed between two samples.
+        over_length = self.half_lengths[other][:, None] + half_walk + half * across + HALF_STEP_M * along
+        over_length -= np.abs(dx * other_cos + dy * other_sin)
+        over_width = self.half_widths[other][:, None] + half * along + HALF_STEP_M * across
+        over_width -= np.abs(dy * other_cos - dx * other_sin)
+        hits = (over_length > 0.0) & (over_width > 0.0)
+        first = hits.argmax(axis=1)
+        found = np.flatnonzero(hits[np.arange(len(one)), first])
+        if not len(found):
+            return
+        at = first[found] * STEP_M
+        hit = (found, first[found])
+        one, other, along, across = one[found], other[found], along[hit], across[hit]
+        # From the first sample that touches back to where the surfaces meet.
+        deep = np.where(along > across, over_length[hit], over_width[hit]) / np.maximum(along, across)
+        beyond_middle = dx[hit] * cos[hit] + dy[hit] * sin[hit]
+        deep += 2.0 * np.maximum(beyond_middle, 0.0)
+        gap = at + HALF_STEP_M - np.where(at > 0.0, np.minimum(deep, STEP_M), deep) - self.residue[one]
+        facing = cos[hit] * other_cos[found, 0] + sin[hit] * other_sin[found, 0]
+        closing = self.speeds[self.rows[one]] - self.speeds[other] * facing
+        self._give(one, other, gap, closing, facing)
+
+    def _give(self, one: Ints, other: Ints, gap: Float64, closing: Float64, facing: Float64) -> None:
+        ends = np.searchsorted(one, self.first_follower)
+        for i, part in enumerate(self.parts):
+            own = slice(ends[i], ends[i + 1])
+            rows = one[own] - self.first_follower[i], other[own] - self.first_row[i]
+            columns = [column.tolist() for column in (*rows, gap[own], closing[own], facing[own])]
+            _assign(part.world, part.followers, zip(*columns))
 
 
 def _samples(world: World, followers: Sequence[PathVehicle], rows: Ints) -> tuple[Float64, Float64]:

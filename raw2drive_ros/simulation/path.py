@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -59,6 +59,14 @@ class Path:
         """Arc length of point `index`."""
         return self.start_s_m + index * SPACING_M
 
+    def near(self, s_m: float, window_m: float) -> tuple[int, int]:
+        """(first, last + 1) index of the points within `window_m` of arc length `s_m`; at least two."""
+        # Beyond an end of the path the hint, too, lies outside it.
+        along_m = min(max(s_m, self.start_s_m), self.length_m) - self.start_s_m
+        first = max(0, int((along_m - window_m) / SPACING_M))
+        last = min(len(self._x), int((along_m + window_m) / SPACING_M) + 2)
+        return min(first, last - 2), last
+
     def project(
         self, x_m: float, y_m: float, hint_s_m: float | None = None, window_m: float = 15.0
     ) -> tuple[float, float]:
@@ -66,11 +74,7 @@ class Path:
         if hint_s_m is None:
             first, last = 0, len(self._x)
         else:
-            # Beyond an end of the path the hint, too, lies outside it.
-            along_m = min(max(hint_s_m, self.start_s_m), self.length_m) - self.start_s_m
-            first = max(0, int((along_m - window_m) / SPACING_M))
-            last = min(len(self._x), int((along_m + window_m) / SPACING_M) + 2)
-            first = min(first, last - 2)
+            first, last = self.near(hint_s_m, window_m)
         delta_x = self.points_m[first:last, 0] - x_m
         delta_y = self.points_m[first:last, 1] - y_m
         index = first + int(np.argmin(delta_x * delta_x + delta_y * delta_y))
@@ -82,10 +86,7 @@ class Path:
 
     def project_many(self, points_m: Float64, hint_s_m: float, window_m: float) -> tuple[Float64, Float64]:
         """`project` of (N, 2) points near one hint: (arc lengths, signed lateral offsets), each (N,)."""
-        along_m = min(max(hint_s_m, self.start_s_m), self.length_m) - self.start_s_m
-        first = max(0, int((along_m - window_m) / SPACING_M))
-        last = min(len(self._x), int((along_m + window_m) / SPACING_M) + 2)
-        first = min(first, last - 2)
+        first, last = self.near(hint_s_m, window_m)
         own = self.points_m[first:last]
         dx, dy = points_m[:, 0, None] - own[None, :, 0], points_m[:, 1, None] - own[None, :, 1]
         index = np.argmin(dx * dx + dy * dy, axis=1)
@@ -116,6 +117,40 @@ class Path:
         end = self.pose(self.end_s_m, lateral_at(self.end_s_m))
         shifted.end_s_m = shifted.project(end[0], end[1])[0]
         return shifted
+
+
+# Path, (N, 2) points near it, and a hint of their arc length.
+Query = tuple[Path, Float64, float]
+
+
+def project_groups(queries: Sequence[Query], window_m: float) -> list[tuple[Float64, Float64]]:
+    """`project_many` of several queries at once: the same as one after the other, in less time."""
+    if len(queries) == 1:
+        path, points, hint = queries[0]
+        return [path.project_many(points, hint, window_m)]
+    if not queries:
+        return []
+    windows = [path.near(hint, window_m) for path, _, hint in queries]
+    counts = [len(points) for _, points, _ in queries]
+    lengths = np.array([last - first for first, last in windows])
+    begins = np.cumsum(lengths) - lengths
+    of = np.repeat(np.arange(len(queries)), counts)
+    # Rows beyond a shorter window repeat its last point, which is never the first of the nearest ones.
+    rows = begins[of, None] + np.minimum(np.arange(lengths.max()), lengths[of, None] - 1)
+    own = np.concatenate([path.points_m[first:last] for (path, _, _), (first, last) in zip(queries, windows)])
+    headings = np.concatenate([path.headings_rad[first:last] for (path, _, _), (first, last) in zip(queries, windows)])
+    points_m = np.concatenate([points for _, points, _ in queries])
+    dx, dy = points_m[:, 0, None] - own[:, 0][rows], points_m[:, 1, None] - own[:, 1][rows]
+    index = np.argmin(dx * dx + dy * dy, axis=1)
+    every = np.arange(len(points_m))
+    ahead_x, ahead_y = dx[every, index], dy[every, index]
+    yaw = headings[begins[of] + index]
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    first_index = np.array([first for first, _ in windows])[of] + index
+    stations = np.array([path.start_s_m for path, _, _ in queries])[of] + first_index * SPACING_M
+    ends = np.cumsum(counts)[:-1]
+    found = np.split(stations + ahead_x * cos + ahead_y * sin, ends), np.split(-ahead_x * sin + ahead_y * cos, ends)
+    return list(zip(*found))
 
 
 def smooth_step(value: float, start: float, width: float) -> float:

@@ -16,13 +16,16 @@ is costs `RULE_COST` once.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.actors import Walker
 from raw2drive_ros.simulation.conduct import walks_towards
 from raw2drive_ros.simulation.criteria import route_deviation_m
+from raw2drive_ros.simulation.path import Query, project_groups
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ
 
@@ -72,11 +75,13 @@ class RewardModel:
         self.slow_s = 0.0
         self.contacts_seen = len(world.contacts)
 
-    def step(self, world: World, infractions: list[str], outside_m: float = 0.0) -> Outcome:
+    def step(
+        self, world: World, infractions: list[str], outside_m: float = 0.0, vehicle_m: float | None = None
+    ) -> Outcome:
         """Reward of the step that just ended. infractions: names of those that began in it. outside_m: its way outside
-        the lanes."""
+        the lanes. vehicle_m: `vehicle_ahead_m`, for who knows it already."""
         ego = world.ego
-        free = free_share(world)
+        free = free_share(world, vehicle_m)
         base = base_speed_mps(world)
         target = free * base
         advance = max(0.0, world.route_s_m - self.best_s_m)
@@ -131,7 +136,7 @@ def target_speed_mps(world: World) -> float:
     return free_share(world) * base_speed_mps(world)
 
 
-def free_share(world: World) -> float:
+def free_share(world: World, vehicle_m: float | None = None) -> float:
     """v* / v_base in [0, 1]: 1 on a free road, 0 right in front of the nearest hazard."""
     factor = 1.0
     front = world.front_s_m
@@ -144,7 +149,8 @@ def free_share(world: World) -> float:
     for sign in world.stop_signs:
         if not sign.obeyed and sign.line_s_m > front - 0.5:
             factor = min(factor, _ramp(sign.line_s_m - front, MARGIN_M['stop']))
-    factor = min(factor, _ramp(vehicle_ahead_m(world), MARGIN_M['vehicle']))
+    vehicle_m = vehicle_ahead_m(world) if vehicle_m is None else vehicle_m
+    factor = min(factor, _ramp(vehicle_m, MARGIN_M['vehicle']))
     for kind, distance in nearest_vulnerable_m(world).items():
         factor = min(factor, _ramp(distance, MARGIN_M[kind]))
     return factor
@@ -153,13 +159,26 @@ def free_share(world: World) -> float:
 def vehicle_ahead_m(world: World) -> float:
     """Distance (m) along the route to the first vehicle or obstacle whose centre is within `ON_ROUTE_M` of the ego's
     corridor, which runs along the route at the ego's own lateral offset; inf without one."""
-    near = np.abs(world.positions[:-1] - world.ego.position).max(axis=1, initial=0.0) < SEARCH_M + 5
-    rows = [i for i in np.flatnonzero(near) if world.actors[i].kind not in VULNERABLE]
-    if not rows:
-        return math.inf
-    stations, laterals = world.route.project_many(world.positions[rows], world.route_s_m, SEARCH_M + 5)
+    return vehicles_ahead_m([world])[0]
+
+
+def vehicles_ahead_m(worlds: Sequence[World]) -> list[float]:
+    """`vehicle_ahead_m` of several worlds: the same as one after the other, in less time."""
+    queries: dict[int, Query] = {}
+    for i, world in enumerate(worlds):
+        near = np.abs(world.positions[:-1] - world.ego.position).max(axis=1, initial=0.0) < SEARCH_M + 5
+        rows = [row for row in np.flatnonzero(near).tolist() if world.actors[row].kind not in VULNERABLE]
+        if rows:
+            queries[i] = (world.route, world.positions[rows], world.route_s_m)
+    found = [math.inf] * len(worlds)
+    for i, places in zip(queries, project_groups([*queries.values()], SEARCH_M + 5)):
+        found[i] = _first_in_corridor_m(worlds[i], *places)
+    return found
+
+
+def _first_in_corridor_m(world: World, stations_m: Float64, laterals_m: Float64) -> float:
     best = math.inf
-    for s, lateral in zip(stations.tolist(), laterals.tolist(), strict=True):
+    for s, lateral in zip(stations_m.tolist(), laterals_m.tolist(), strict=True):
         ahead = s - world.route_s_m
         if 0.0 < ahead < min(best, SEARCH_M) and abs(lateral - _corridor_m(world, s)) < ON_ROUTE_M:
             best = ahead

@@ -18,7 +18,7 @@ from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.ego import EgoParameters, EgoVehicle
 from raw2drive_ros.simulation.ego_route import offset_m, route_path, speed_profile
 from raw2drive_ros.simulation.flows import HIDDEN_M, Flow
-from raw2drive_ros.simulation.leaders import PathBank, find_leaders
+from raw2drive_ros.simulation.leaders import PathBank, find_leaders_in
 from raw2drive_ros.simulation.path import SPACING_M
 from raw2drive_ros.simulation.right_of_way import RightOfWay
 from raw2drive_ros.simulation.road_builder import build_road
@@ -181,13 +181,17 @@ class World:
 
         Vehicles decide at the decision rate, people and doors in every step.
         """
-        dt = self.stride / PHYSICS_HZ
-        self.ego.command = control
-        self._disturb()
-        decides = self.stride >= SUBSTEPS or self.physics_ticks % SUBSTEPS == 0
+        step_worlds([self], [control])
+
+    @property
+    def decides(self) -> bool:
+        """Whether vehicles decide in the coming step."""
+        return self.stride >= SUBSTEPS or self.physics_ticks % SUBSTEPS == 0
+
+    def _move(self, vehicles: Sequence[PathVehicle]) -> None:
+        """The rest of a step, once the leaders of those who decide are known."""
+        dt, decides = self.stride / PHYSICS_HZ, self.decides
         if decides:
-            vehicles = [actor for actor in self.actors if isinstance(actor, PathVehicle)]
-            find_leaders(self, vehicles)
             self.rules.decide(self, vehicles)
         for actor in self.actors:
             if decides or not isinstance(actor, PathVehicle):
@@ -359,6 +363,19 @@ class World:
             back = spec.detour[i + 1] if i + 1 < len(spec.detour) else None
             end = self.route.length_m if back is None else back.s_m + back.over_m
             self.detours.append((out.s_m, end, -(out.to_lane - spec.lane) * width))
+
+
+def step_worlds(worlds: Sequence[World], controls: Sequence[Control]) -> None:
+    """Step several worlds at once: the same as one after the other, in less time."""
+    groups = []
+    for world, control in zip(worlds, controls, strict=True):
+        world.ego.command = control
+        world._disturb()
+        vehicles = [actor for actor in world.actors if isinstance(actor, PathVehicle)] if world.decides else []
+        groups.append((world, vehicles))
+    find_leaders_in(groups)
+    for world, vehicles in groups:
+        world._move(vehicles)
 
 
 def _draw(scenario: Scenario, draw: Draw) -> tuple[Draw, Scene, RoadMap]:

@@ -9,7 +9,7 @@ import pytest
 
 from raw2drive_ros.cli.main import main
 from raw2drive_ros.contracts.actions import ACTIONS
-from raw2drive_ros.contracts.errors import DriverClassError, DriverFault
+from raw2drive_ros.contracts.errors import DriverClassError, DriverFailedError
 from raw2drive_ros.evaluation.driver_spec import DriverSpec
 from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
@@ -139,7 +139,7 @@ def test_nothing_of_the_simulator_can_be_reached(write) -> None:
     finds nothing it brakes."""
     drive = driven(write(SPY), 2, config=SimulationConfig((48, 80), bev=False))
     assert [control.brake for control in drive.controls] == [1.0, 1.0]
-    with pytest.raises(DriverFault, match=r'world'):
+    with pytest.raises(DriverFailedError, match=r'world'):
         driven(write(SPY.replace("'route')", "'route', 'privileged')"), 'allowed'), 2)
 
 
@@ -155,10 +155,10 @@ def test_the_seed_does_not_tell_the_route(write, tmp_path) -> None:
 
 def test_what_is_not_declared_is_named_when_it_is_used(write) -> None:
     with pytest.raises(
-        DriverFault, match=r"sensors\.imu is not there: declare 'imu' in `sensors` \(mine\.py, line 4\)"
+        DriverFailedError, match=r"sensors\.imu is not there: declare 'imu' in `sensors` \(mine\.py, line 4\)"
     ):
         driven(write(body('return sensors.imu', "('odometry',)")))
-    with pytest.raises(DriverFault, match=r'sensors\.odometri is not there; did you mean odometry\?'):
+    with pytest.raises(DriverFailedError, match=r'sensors\.odometri is not there; did you mean odometry\?'):
         driven(write(body('return sensors.odometri', "('odometry',)")))
 
 
@@ -181,7 +181,7 @@ def test_what_is_not_declared_is_named_when_it_is_used(write) -> None:
 def test_a_wrong_answer_fails_the_drive_with_one_line(write, capfd, answer, said) -> None:
     runner = RouteRunner(make_driver(write(body(answer))), Conditions())
     row, _ = runner.drive(ROUTE)
-    with pytest.raises(DriverFault, match=said):
+    with pytest.raises(DriverFailedError, match=said):
         driven(runner.driver.process.name)
     assert row.driving_score == 0.0
     (line,) = capfd.readouterr().err.splitlines()
@@ -202,7 +202,7 @@ def test_after_its_process_has_ended_it_drives_the_next_route(write) -> None:
         """
     )
     driver, env = make_driver(name), DrivingEnv(PLAIN)
-    with pytest.raises(DriverFault, match='ended with exit code 1'):
+    with pytest.raises(DriverFailedError, match='ended with exit code 1'):
         drive_route(env, driver, ROUTE, max_ticks=2)
     assert len(drive_route(env, driver, ROUTE, max_ticks=2).controls) == 2
 
