@@ -22,7 +22,8 @@ LINE_TOLERANCE_M = 0.3
 # Way of a lane change: a lane line may stay under the car for so long.
 LANE_CHANGE_M = 40.0
 SEARCH_M = 8.0
-BEYOND_KERB, ALLOWED = (OFF, SIDEWALK), (FORWARD, JUNCTION)
+BEYOND_KERB, ALLOWED = np.zeros((2, 256), bool)
+BEYOND_KERB[[OFF, SIDEWALK]] = ALLOWED[[FORWARD, JUNCTION]] = True
 
 
 def ego_corners_m(world: World) -> Float64:
@@ -40,8 +41,13 @@ def allowed(world: World, points_m: Float64) -> np.ndarray:
     """(N,) whether a car of the ego's route may cover each of the (N, 2) points near the ego."""
     assert world.road.surface is not None
     kinds = world.road.surface.kind_at(points_m)
-    inside = np.isin(kinds, ALLOWED) | _along_route(world, points_m) | _in_forward_lanes(world, points_m)
-    return inside & ~np.isin(kinds, BEYOND_KERB)
+    inside = ALLOWED[kinds]
+    if inside.all():
+        return inside
+    inside |= _along_route(world, points_m)
+    if not inside.all():
+        inside |= _in_forward_lanes(world, points_m)
+    return inside & ~BEYOND_KERB[kinds]
 
 
 def straddles(world: World) -> bool:
@@ -50,14 +56,13 @@ def straddles(world: World) -> bool:
     lanes, width = world.scene.layout.forward_lanes, world.scene.layout.lane_width_m
     if lanes < 2 or _way_is_between_lanes(world, width):
         return False
-    reference = world.road.forward_path_cached()
-    s_m, _ = reference.project(float(world.ego.position[0]), float(world.ego.position[1]))
+    reference, ego = world.road.forward_path_cached(), world.ego
+    s_m, lateral = reference.project(float(ego.position[0]), float(ego.position[1]))
     if any(site.entry_s_m <= s_m <= site.exit_s_m for site in world.road.junctions):
         return False
-    _, laterals = reference.project_many(ego_corners_m(world), s_m, SEARCH_M)
-    lines = width / 2 - width * np.arange(1, lanes)
-    right, left = laterals.min() + LINE_TOLERANCE_M, laterals.max() - LINE_TOLERANCE_M
-    return bool(((lines > right) & (lines < left)).any())
+    turned = ego.heading - reference.pose(s_m)[2]
+    reach = (ego.LENGTH * abs(math.sin(turned)) + ego.WIDTH * abs(math.cos(turned))) / 2 - LINE_TOLERANCE_M
+    return any(abs(lateral - (0.5 - i) * width) < reach for i in range(1, lanes))
 
 
 def _way_is_between_lanes(world: World, width_m: float) -> bool:
