@@ -93,6 +93,8 @@ def penetration(world: World, actor: Actor) -> tuple[Vector, float] | None:
     """
     ego = world.ego
     dx, dy = float(actor.position[0] - ego.position[0]), float(actor.position[1] - ego.position[1])
+    if math.hypot(dx, dy) > math.hypot(ego.LENGTH, ego.WIDTH) / 2 + math.hypot(actor.LENGTH, actor.WIDTH) / 2:
+        return None
     ego_v, actor_v = _ego_velocity(world), _velocity(actor)
     best, best_key = None, (math.inf, math.inf)
     for turn in (ego.heading, ego.heading + math.pi / 2, actor.heading, actor.heading + math.pi / 2):

@@ -191,7 +191,7 @@ class _Search:
 
 
 def _samples(world: World, followers: Sequence[PathVehicle], rows: Ints) -> tuple[Float64, Float64]:
-    """(V, STEPS, 4) x, y, cos and sin of the heading of each follower's front on its way, `STEP_M` apart, and (V,) how
+    """(V, P, 4) x, y, cos and sin of the heading of each follower's front on its way, `STEP_M` apart, and (V,) how
     far the front is beyond the first of them already."""
     ends = np.array([world.bank.rows_of(vehicle.path) for vehicle in followers])
     front = np.array([vehicle.s_m for vehicle in followers]) + world.half_lengths[rows]

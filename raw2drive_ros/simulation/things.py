@@ -21,7 +21,7 @@ from raw2drive_ros.simulation.world import World
 VISIBLE_M = 80.0
 BRAKE_LAMP_MPS2 = -1.0
 # Rate at which flashing lights and walking legs change, and at which indicators blink.
-PHASE_HZ, BLINK_HZ = 4.0, 1.5
+PHASE_HZ, BLINKS_PER_S = 4.0, 1.5
 # Numbers of things are bytes, and 0 is what is nobody's.
 MAX_NUMBERED = 255
 # A lamp or sign that stands this close to one of the ego's own, and looks the same way, is that one.
@@ -158,7 +158,7 @@ def _actor_shape(actor: Actor, time_s: float, *, night: bool, detailed: bool) ->
         lamps = 'brake' if is_braking(actor) else 'night' if night else 'day'
         indicator = getattr(actor, 'indicator', '')
         # Not all indicators of a scene blink at the same time.
-        if indicator and (time_s * BLINK_HZ + 0.37 * getattr(actor, 'number', 0)) % 1.0 >= 0.5:
+        if indicator and (time_s * BLINKS_PER_S + 0.37 * getattr(actor, 'number', 0)) % 1.0 >= 0.5:
             indicator = ''
     size = (round(actor.LENGTH, 1), round(actor.WIDTH, 1), round(actor.HEIGHT, 1))
     flashes = actor.body.endswith('emergency') or (actor.body == 'walker' and actor.speed > 0.0)

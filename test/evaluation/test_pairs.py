@@ -197,4 +197,4 @@ def test_on_a_twin_standing_still_and_stopping_for_nothing_lose(monkeypatch, kin
     through, hesitant, standing = (
         returned(twin, decide) for decide in (drive, hesitate, lambda world: Control(0.0, 1.0))
     )
-    assert standing < 0.0 < hesitant < through
+    assert standing <= 0.0 < hesitant < through
