@@ -67,20 +67,12 @@ def test_rooms_of_one_floor_do_not_know_each_other(known) -> None:
         room_of('raw2drive_ros.attic.chest')
 
 
-<<<<<<< HEAD
 def test_the_only_circles_are_of_types(known) -> None:
     """The world and its traffic name each other's types, and so do the builders of roads; nothing of it runs at import
     time."""
     world = (
-        *('actors', 'background', 'contact', 'ego_route', 'flows', 'free_space', 'leaders', 'right_of_way'),
-        *('roadside', 'scenario', 'scripts', 'world', 'world_actors'),
-=======
-def test_the_only_circle_is_one_of_types(known) -> None:
-    """The world and its traffic name each other's types; nothing of it runs at import time."""
-    names = (
         *('actors', 'background', 'car_following', 'contact', 'ego_route', 'flows', 'free_space', 'leaders'),
         *('right_of_way', 'roadside', 'scenario', 'scripts', 'world', 'world_actors'),
->>>>>>> h-scores
     )
     roads = ('junction_builder', 'road_builder', 'road_surface', 'roads')
     wanted = [{f'raw2drive_ros.simulation.{name}' for name in names} for names in (world, roads)]

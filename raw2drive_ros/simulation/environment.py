@@ -23,8 +23,8 @@ from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
 from raw2drive_ros.simulation.draws import Draw, Rng, rng_for
-from raw2drive_ros.simulation.id_painter import IdPainter
 from raw2drive_ros.simulation.footprint import Way, ways_of
+from raw2drive_ros.simulation.id_painter import IdPainter
 from raw2drive_ros.simulation.privileged_view import PrivilegedView
 from raw2drive_ros.simulation.protocol import PAIRS
 from raw2drive_ros.simulation.renderer import CameraRenderer

@@ -25,7 +25,6 @@ LINE_TOLERANCE_M = 0.3
 # Way of a lane change: a lane line may stay under the car for so long.
 LANE_CHANGE_M = 40.0
 SEARCH_M = 8.0
-<<<<<<< HEAD
 BEYOND_KERB, ALLOWED = {OFF, SIDEWALK}, {FORWARD, JUNCTION}
 ALLOWED_KINDS = np.isin(np.arange(256), [*ALLOWED])
 
@@ -36,10 +35,6 @@ class Way(NamedTuple):
 
     straddles: bool
     on_road: bool
-=======
-BEYOND_KERB, ALLOWED = np.zeros((2, 256), bool)
-BEYOND_KERB[[OFF, SIDEWALK]] = ALLOWED[[FORWARD, JUNCTION]] = True
->>>>>>> h-scores
 
 
 def ego_corners_m(world: World) -> Float64:
@@ -79,18 +74,7 @@ def ways_of(worlds: Sequence[World]) -> list[Way]:
 
 def _kinds_at(world: World, points_m: Float64) -> set[int]:
     assert world.road.surface is not None
-<<<<<<< HEAD
     return set(world.road.surface.kind_at(points_m).tolist())
-=======
-    kinds = world.road.surface.kind_at(points_m)
-    inside = ALLOWED[kinds]
-    if inside.all():
-        return inside
-    inside |= _along_route(world, points_m)
-    if not inside.all():
-        inside |= _in_forward_lanes(world, points_m)
-    return inside & ~BEYOND_KERB[kinds]
->>>>>>> h-scores
 
 
 def _allowed(world: World, points_m: Float64, inside: np.ndarray) -> np.ndarray:
@@ -119,21 +103,9 @@ def _at_junction(world: World, s_m: float) -> bool:
 def _over_line(world: World, laterals_m: Float64) -> bool:
     """Whether corners with these offsets from the reference line have a line between two lanes well between them."""
     lanes, width = world.scene.layout.forward_lanes, world.scene.layout.lane_width_m
-<<<<<<< HEAD
     lines = width / 2 - width * np.arange(1, lanes)
     right, left = laterals_m.min() + LINE_TOLERANCE_M, laterals_m.max() - LINE_TOLERANCE_M
     return bool(((lines > right) & (lines < left)).any())
-=======
-    if lanes < 2 or _way_is_between_lanes(world, width):
-        return False
-    reference, ego = world.road.forward_path_cached(), world.ego
-    s_m, lateral = reference.project(float(ego.position[0]), float(ego.position[1]))
-    if any(site.entry_s_m <= s_m <= site.exit_s_m for site in world.road.junctions):
-        return False
-    turned = ego.heading - reference.pose(s_m)[2]
-    reach = (ego.LENGTH * abs(math.sin(turned)) + ego.WIDTH * abs(math.cos(turned))) / 2 - LINE_TOLERANCE_M
-    return any(abs(lateral - (0.5 - i) * width) < reach for i in range(1, lanes))
->>>>>>> h-scores
 
 
 def _way_is_between_lanes(world: World, width_m: float) -> bool:
