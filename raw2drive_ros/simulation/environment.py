@@ -169,14 +169,14 @@ class DrivingEnv(AbstractEnv):
         """One decision: two physics steps, then criteria and reward. Raises RuntimeError once the episode is over."""
         return step_together([self], [action])[0]
 
-    def _moved(self) -> tuple[ImuSample, OdometrySample]:
+    def sample_motion(self) -> tuple[ImuSample, OdometrySample]:
         """What the sensors measure after a physics step."""
         assert self.world is not None
         self.clock_ns += PHYSICS_NS
         self.motion.append((*self.world.ego.acceleration_body, self.world.ego.yaw_rate))
         return self._sample(self.clock_ns)
 
-    def _judged(
+    def judge(
         self, control: Control, samples: Sequence[tuple[ImuSample, OdometrySample]], way: Way, vehicle_m: float
     ) -> Stepped:
         """Criteria, reward and observations of a decision whose physics steps are done."""
@@ -295,6 +295,6 @@ def step_together(envs: Sequence[DrivingEnv], actions: Sequence[Control]) -> lis
     for _ in range(SUBSTEPS):
         step_worlds(worlds, controls)
         for env, measured in zip(envs, samples):
-            measured.append(env._moved())
+            measured.append(env.sample_motion())
     found = zip(envs, controls, samples, ways_of(worlds), vehicles_ahead_m(worlds), strict=True)
-    return [env._judged(control, measured, way, vehicle_m) for env, control, measured, way, vehicle_m in found]
+    return [env.judge(control, measured, way, vehicle_m) for env, control, measured, way, vehicle_m in found]

@@ -188,7 +188,7 @@ class World:
         """Whether vehicles decide in the coming step."""
         return self.stride >= SUBSTEPS or self.physics_ticks % SUBSTEPS == 0
 
-    def _move(self, vehicles: Sequence[PathVehicle]) -> None:
+    def move(self, vehicles: Sequence[PathVehicle]) -> None:
         """The rest of a step, once the leaders of those who decide are known."""
         dt, decides = self.stride / PHYSICS_HZ, self.decides
         if decides:
@@ -284,7 +284,8 @@ class World:
             self.add(fork_of(actor) if self.is_fork else actor)
             del self.pending[0]
 
-    def _disturb(self) -> None:
+    def disturb(self) -> None:
+        """Apply the bad road that the ego is on to its steering and grip."""
         self.ego.steer_push, self.ego.grip = 0.0, 1.0
         for patch in self.scene.disturbances:
             if patch.s_m <= self.route_s_m < patch.s_m + patch.length_m:
@@ -370,12 +371,12 @@ def step_worlds(worlds: Sequence[World], controls: Sequence[Control]) -> None:
     groups = []
     for world, control in zip(worlds, controls, strict=True):
         world.ego.command = control
-        world._disturb()
+        world.disturb()
         vehicles = [actor for actor in world.actors if isinstance(actor, PathVehicle)] if world.decides else []
         groups.append((world, vehicles))
     find_leaders_in(groups)
     for world, vehicles in groups:
-        world._move(vehicles)
+        world.move(vehicles)
 
 
 def _draw(scenario: Scenario, draw: Draw) -> tuple[Draw, Scene, RoadMap]:
