@@ -32,6 +32,8 @@ REPLAN_TICKS = 4
 HORIZON_S = 9.0
 MARGIN_M = 0.35
 HARD_BRAKING_MPS2 = -3.5
+# Of a vehicle anywhere, because of the ego; below what counts as an infraction (`conduct.HARD_BRAKING_MPS2`).
+FORCED_MPS2 = 3.0
 ZONE_SIGHT_M = 14.0
 PASS_LIMIT_S = 18.0
 SPEED_SHARES = (0.95, 0.65, 0.4, 0.2, 0.0)
@@ -161,7 +163,11 @@ def hits(world: World, margin_m: float = MARGIN_M) -> bool:
 def _forces_hard_braking(world: World) -> bool:
     """Whether a vehicle near the ego brakes hard."""
     for actor in world.actors:
-        if isinstance(actor, StandingObject | Walker) or actor.command_acceleration > HARD_BRAKING_MPS2:
+        if isinstance(actor, StandingObject | Walker):
+            continue
+        if actor.imposed_mps2 > FORCED_MPS2:
+            return True
+        if actor.command_acceleration > HARD_BRAKING_MPS2:
             continue
         if np.abs(actor.position - world.ego.position).max() < 20.0 and actor.speed > 0.5:
             return True

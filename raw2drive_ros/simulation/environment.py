@@ -44,10 +44,10 @@ CLOCK_START_NS = 1_000_000_000
 class SimulationConfig:
     """image_size: (height, width). supersampling: 1 or 2. imu_noise: standard deviations of accelerometer (m/s2) and
     gyroscope (rad/s). end_on_infraction: end the episode at the first collision, red light or stop sign that was run,
-    as the paper does for training; otherwise the drive goes on, after collisions too, as in Bench2Drive. vary: draw
-    exposure, camera mounting, ground colours and sun anew for every episode (`variation.Variation`); repetitions of a
-    route always do. protocol: see `simulation.protocol`. visibility: keep `DrivingEnv.visibility`; default: with
-    cameras or BEV masks.
+    as the paper does for training, or when another car has to brake hard; otherwise the drive goes on, after collisions
+    too, as in Bench2Drive. vary: draw exposure, camera mounting, ground colours and sun anew for every episode
+    (`variation.Variation`); repetitions of a route always do. protocol: see `simulation.protocol`. visibility: keep
+    `DrivingEnv.visibility`; default: with cameras or BEV masks.
     """
 
     image_size: tuple[int, int] = (96, 160)

@@ -9,8 +9,8 @@ Three terms differ, because they rewarded bad driving on our routes (docs/benchm
 - Pedestrians who stand beside the lane or walk away from it do not reduce v*: most of them want nothing.
 
 Three terms are new: holding up an emergency vehicle costs `YIELD_COST` per step, way outside the lanes costs
-`OUTSIDE_COST` per metre, which is more than it earns, and making others brake hard or staying too long where the event
-is costs `RULE_COST` once.
+`OUTSIDE_COST` per metre, which is more than it earns, and staying too long where the event is costs `RULE_COST` once.
+Making others brake hard ends the drive, as a red light does.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ ON_ROUTE_M = 2.0
 # An emergency vehicle is held up if it is this close behind, and slower than its target speed by this much.
 YIELD_COST, HELD_UP_M, HELD_UP_MPS = 1.0, 30.0, 2.0
 OUTSIDE_COST, RULE_COST = 2.0, 10.0
-RULES = ('forced_braking', 'scenario_timeout')
+RULES = ('scenario_timeout',)
+FATAL = ('red_light', 'stop_sign', 'forced_braking')
 VULNERABLE = ('walker', 'cyclist')
 # Pedestrians with a larger lateral distance do not reduce v*.
 BESIDE_M = 5.0
@@ -108,7 +109,7 @@ class RewardModel:
     def _end(self, world: World, deviation: float, infractions: list[str]) -> tuple[float | None, str, bool]:
         """(reward in place of the sum or None, cause, whether it is a truncation)."""
         new, self.contacts_seen = world.contacts[self.contacts_seen :], len(world.contacts)
-        fatal = [i for i in infractions if i.startswith('collision') or i in ('red_light', 'stop_sign')]
+        fatal = [i for i in infractions if i.startswith('collision') or i in FATAL]
         if fatal:
             # After an impact the ego is slower than it was.
             speed = max(abs(world.ego.speed), *(contact.ego_speed_mps for contact in new), 0.0)
