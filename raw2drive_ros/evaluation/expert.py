@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from raw2drive_ros.contracts.actions import nearest_action
-from raw2drive_ros.contracts.public import Control, Decision, SensorFrame
+from raw2drive_ros.contracts.public import Control, Decision, Float64, SensorFrame
 from raw2drive_ros.evaluation.expert_belief import Belief, Sight
 from raw2drive_ros.evaluation.expert_costs import Verdict, judge
 from raw2drive_ros.evaluation.expert_map import LaneMap, RouteFrame
@@ -28,6 +28,7 @@ from raw2drive_ros.evaluation.expert_situation import (
     GRID_M,
     HALF_LENGTH_M,
     HALF_WIDTH_M,
+    Anchor,
     Situation,
     Zone,
     limits_on,
@@ -59,6 +60,8 @@ class Expert:
         self.belief = Belief()
         self.lanes: LaneMap | None = None
         self.current = 'route'
+        self.way: tuple[Float64, Float64] | None = None
+        self.anchor: Anchor | None = None
         self.acceleration = 0.0
         self.push = SteeringPush()
         self.backing, self.stuck_ticks = False, 0
@@ -70,19 +73,22 @@ class Expert:
             self.limits = limits_on(world, np.arange(*_ends(world.route), GRID_M))
         self.belief.update(world, sight)
         situation = self._situation(world, self.lanes, long=self.current == 'pass')
+        situation.anchor = self.anchor
         blocked = zones(situation)
         found = options(situation, blocked)
         if any(option.oncoming for option in found) and situation.forecast.times_s[1] == DT_S:
             situation = self._situation(world, self.lanes, long=True)
+            situation.anchor = self.anchor
         chosen = plans(situation, found)
         actual = float(world.ego.acceleration_body[0])
         if abs(actual - self.acceleration) > SURPRISE_MPS2:
             # Somebody else drives, or the road does not let it.
             self.acceleration = actual
         driven = roll_out(situation, found, chosen, self.acceleration)
-        verdict = judge(situation, found, chosen, driven, self.current)
+        verdict = judge(situation, found, chosen, driven, self.way)
         best = int(verdict.score.argmax())
-        self.current = found[chosen[best].option].family
+        option = found[chosen[best].option]
+        self.current, self.way, self.anchor = option.family, (situation.grid, option.offset), option.anchor
         wanted = float(driven.acceleration[best, 0])
         if wanted > HARD_MPS2:
             wanted = max(wanted, self.acceleration - EASE_OFF_MPS2)

@@ -13,7 +13,7 @@ from raw2drive_ros.evaluation.expert_map import poses_at
 from raw2drive_ros.evaluation.expert_options import Option
 from raw2drive_ros.evaluation.expert_plans import HALF_LENGTH_M, HALF_WIDTH_M, Plan, Rollouts
 from raw2drive_ros.evaluation.expert_prediction import LIKELY
-from raw2drive_ros.evaluation.expert_situation import Situation
+from raw2drive_ros.evaluation.expert_situation import GRID_M, Situation
 
 COLLISION, CLOSE, IMPOSED, HARSH = 400.0, 28.0, 14.0, 0.5
 # Of the others' boxes: to the front and back per m/s, and to the sides.
@@ -28,8 +28,9 @@ FEARED_MPS2 = 3.2
 STANDING_MPS = 0.3
 NEAR_M = 9.0
 OFFSET_COST = 0.25
-# To change one's mind, and to do so between two lanes.
-SWITCH_COST, SWITCH_BETWEEN_COST, BETWEEN_M = 2.0, 6.0, 0.7
+SIDEWAYS, SIDEWAYS_MPS2, UNDRIVABLE, UNDRIVABLE_MPS2 = 2.0, 2.5, 150.0, 6.5
+# To change one's mind costs this much per metre between the old way and the new one, so far ahead.
+CHANGE_COST, CHANGE_AHEAD_M, CHANGE_AHEAD_S = 2.0, 6.0, 2.0
 
 Ints = NDArray[np.int64]
 
@@ -44,8 +45,14 @@ class Verdict:
     collides: NDArray[np.bool_]
 
 
-def judge(situation: Situation, found: list[Option], chosen: list[Plan], driven: Rollouts, current: str) -> Verdict:
-    """The worth of every plan. current: family of the option that the ego is following."""
+def judge(
+    situation: Situation,
+    found: list[Option],
+    chosen: list[Plan],
+    driven: Rollouts,
+    before: tuple[Float64, Float64] | None,
+) -> Verdict:
+    """The worth of every plan. before: (stations, offsets) of the way chosen before, or None."""
     view = situation.forecast
     horizon = float(view.times_s[-1])
     # Both how far and how soon: before a red light the end is the same for all.
@@ -62,14 +69,35 @@ def judge(situation: Situation, found: list[Option], chosen: list[Plan], driven:
         cost += IMPOSED * np.maximum(driven.imposed - IMPOSED_FREE_MPS2, 0.0) * np.minimum(counted * 2.0, 1.0)
     step_s = float(view.times_s[1])
     harsh = HARSH * (np.maximum(-driven.acceleration - HARSH_MPS2, 0.0) ** 2).sum(axis=1) * step_s
-    between = abs(situation.d - situation.lanes.width_m * round(situation.d / situation.lanes.width_m)) > BETWEEN_M
-    switch = SWITCH_BETWEEN_COST if between else SWITCH_COST
-    own = np.array([found[plan.option].cost + switch * (found[plan.option].family != current) for plan in chosen])
+    sideways = _sideways(situation, found, chosen, driven)
+    harsh += SIDEWAYS * (np.maximum(sideways - SIDEWAYS_MPS2, 0.0) ** 2).sum(axis=1) * step_s
+    harsh += UNDRIVABLE * (sideways.max(axis=1) > UNDRIVABLE_MPS2)
+    own = np.array([option.cost + _change(situation, option, before) for option in found])
+    own = own[[plan.option for plan in chosen]]
     own += OFFSET_COST * np.abs(driven.d).mean(axis=1)
     score = progress - harsh - own - (cost.max(axis=1) + 0.1 * cost.sum(axis=1) if cost.size else 0.0)
     peak = cost.max(axis=1) if cost.size else np.zeros(len(chosen))
     worst = np.where(peak > 0.0, cost.argmax(axis=1), -1) if cost.size else np.full(len(chosen), -1)
     return Verdict(score, worst, peak < 3.0, peak > 0.4 * COLLISION)
+
+
+def _change(situation: Situation, option: Option, before: tuple[Float64, Float64] | None) -> float:
+    """Cost of another way than the one that was chosen before: (stations, lateral offsets)."""
+    if before is None:
+        return 0.0
+    ahead = situation.s + CHANGE_AHEAD_M + CHANGE_AHEAD_S * situation.speed * np.array((0.5, 1.0))
+    return CHANGE_COST * float(
+        np.abs(np.interp(ahead, situation.grid, option.offset) - np.interp(ahead, *before)).max()
+    )
+
+
+def _sideways(situation: Situation, found: list[Option], chosen: list[Plan], driven: Rollouts) -> Float64:
+    """(P, T) lateral acceleration (m/s2) that the shifts of the options take, beside that of the route's own bends."""
+    offsets = np.stack([option.offset for option in found])
+    bend = np.abs(np.gradient(np.gradient(offsets, GRID_M, axis=1), GRID_M, axis=1))
+    index = np.minimum(((driven.s - situation.grid[0]) / GRID_M).astype(np.int64), len(situation.grid) - 1)
+    option = np.array([plan.option for plan in chosen])
+    return bend[option[:, None], index] * driven.speed**2
 
 
 def _counted(situation: Situation, weight: Float64) -> Float64:

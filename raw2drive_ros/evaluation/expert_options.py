@@ -9,12 +9,14 @@ import numpy as np
 
 from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.evaluation.expert_map import FORWARD, ONCOMING
+from raw2drive_ros.evaluation.expert_shifts import LEAST_SHIFT_M, later, shift_m, shifted
 from raw2drive_ros.evaluation.expert_situation import (
     AHEAD_M,
     CLEAR_M,
     CLEAR_SOFT_M,
     HALF_LENGTH_M,
     HALF_WIDTH_M,
+    Anchor,
     Situation,
     Zone,
     is_forward,
@@ -24,14 +26,19 @@ from raw2drive_ros.evaluation.expert_situation import (
 
 # Short of a wreck, so that there is room to steer out.
 STAND_SHORT_M = 8.0
-LEAST_SHIFT_M = 9.0
 # A car further to the side than this is in another lane.
 ANOTHER_LANE_M = 0.8
 KEEP_FOR_M = (20.0, 45.0, 80.0)
 WALL_SHORT_M = 4.0
 EMERGENCY_BEHIND_M = 70.0
 NEAR_SIDE_M = 1.3
-IN_THE_WAY_COST, CUTS_IN_COST, LEAST_CLEAR_M = 30.0, 20.0, 0.3
+# Metres of progress per lane between the route and another lane, this far ahead.
+LANE_COST, AWAY_AT_M = 4.0, 60.0
+# The nearer the end of a lane, the more it costs to stay in it.
+END_COST, END_WITHIN_M = 14.0, 130.0
+# Beyond the middle of the lane's own room; and nobody faster than this is passed through the oncoming lane.
+BESIDE_LANE_M, SLOWEST_MPS = 0.3, 2.6
+IN_THE_WAY_COST, CUTS_IN_COST, BLOCKED_COST, LEAST_CLEAR_M = 30.0, 20.0, 12.0, 0.3
 # The route is lost where the own lane is farther from it than this many lanes.
 LOST_LANES = 1.3
 
@@ -49,6 +56,7 @@ class Option:
     cost: float = 0.0
     oncoming: bool = False
     about: str = ''
+    anchor: Anchor | None = None
 
     @property
     def family(self) -> str:
@@ -59,15 +67,14 @@ class Option:
 def options(situation: Situation, blocked: list[Zone]) -> list[Option]:
     """The route itself first, then what else the road and the situation offer."""
     found = [_route(situation)]
-    own = lane_profile(situation, 0)
-    found += _own_lane(situation, own)
+    hurried = _emergency_behind(situation)
+    found += _lane(situation, 0, 'keep', hurried=hurried is not None)
     blocked = [zone for zone in blocked if zone.end_m > situation.s - HALF_LENGTH_M]
     if blocked:
         found += _past(situation, blocked[0])
-    hurried = _emergency_behind(situation)
     if blocked or hurried is not None or _slow_leader(situation):
         for side, name in ((1, 'left'), (-1, 'right')):
-            found += _lane_beside(situation, side, name, hurried=hurried is not None)
+            found += _lane(situation, side, name, hurried=hurried is not None)
     found += _small_shifts(situation)
     for option in found:
         _hold(situation, option, blocked)
@@ -79,65 +86,46 @@ def options(situation: Situation, blocked: list[Zone]) -> list[Option]:
     return found
 
 
-def shift_m(situation: Situation, across_m: float) -> float:
-    """Length (m) of a shift to the side by `across_m`."""
-    seconds = 1.1 + 0.75 * math.sqrt(abs(across_m))
-    return max(LEAST_SHIFT_M * min(1.0, abs(across_m) / 2.0 + 0.3), situation.speed * seconds)
-
-
-def blend(situation: Situation, target: Float64, over_m: float) -> Float64:
-    """(G,) from where the ego is, in its direction, to `target` within `over_m`."""
-    along = situation.grid - situation.s
-    u = np.minimum(np.maximum(along / over_m, 0.0), 1.0)
-    onto = 3.0 * u**2 - 2.0 * u**3
-    own = situation.d + situation.slope * along * (1.0 - u) ** 2
-    return np.where(along < 0.0, situation.d, own + (target - situation.d) * onto)
-
-
-def later(base: Float64, target: Float64, grid: Float64, start_m: float, over_m: float) -> Float64:
-    """(G,) `base`, then `target` from `start_m + over_m` on."""
-    u = np.minimum(np.maximum((grid - start_m) / max(over_m, 0.1), 0.0), 1.0)
-    return base + (target - base) * (3.0 * u**2 - 2.0 * u**3)
-
-
 def _route(situation: Situation) -> Option:
-    target = np.zeros_like(situation.grid)
-    return Option('route', blend(situation, target, shift_m(situation, situation.d)))
+    offset, anchor = shifted(situation, np.zeros_like(situation.grid), shift_m(situation, situation.d))
+    return Option('route', offset, anchor=anchor)
 
 
-def _own_lane(situation: Situation, own: tuple[Float64, float] | None) -> list[Option]:
-    """Stay in the lane where the route leaves it, and follow the route later, or where the ego is off it."""
-    if own is None:
+def _lane(situation: Situation, side: int, name: str, *, hurried: bool) -> list[Option]:
+    """Drive in the lane `side` lanes to the left of the ego's, for as long as it runs beside the route; in the own
+    lane, which the route leaves, also for some metres only."""
+    found = lane_profile(situation, side)
+    if found is None:
         return []
-    profile, ends = own
+    profile, ends = found
     ahead = (situation.grid > situation.s) & (situation.grid < situation.s + 110.0)
     if np.abs(profile[ahead]).max() < ANOTHER_LANE_M:
         return []
     lost = ahead & (np.abs(profile) > LOST_LANES * situation.lanes.width_m)
+    lost &= np.abs(profile) > abs(situation.d) + 1.0
     if lost.any():
         ends = min(ends, float(situation.grid[lost][0]))
-    stay = blend(
-        situation, profile, shift_m(situation, situation.d - float(np.interp(situation.s, situation.grid, profile)))
-    )
+    across = float(np.interp(situation.s, situation.grid, profile)) - situation.d
+    over = max(shift_m(situation, across), 12.0 if side else 0.0)
+    stay, anchor = shifted(situation, profile, over)
+    away = np.abs(np.interp(situation.s + AWAY_AT_M, situation.grid, profile)) / situation.lanes.width_m
+    cost = 0.0 if hurried else LANE_COST * float(away)
+    options = []
+    if ends > situation.front_m + (2.0 if side == 0 else 40.0):
+        cost += END_COST * min(max(1.0 - (ends - situation.s) / END_WITHIN_M, 0.0), 1.0)
+        options.append(Option(name, stay, ends - WALL_SHORT_M, 'end of the lane', cost=cost, anchor=anchor))
+    return options + (_returns(situation, profile, stay, ends, anchor) if side == 0 else [])
+
+
+def _returns(situation: Situation, profile: Float64, stay: Float64, ends_m: float, anchor: Anchor) -> list[Option]:
+    """Stay in the lane for some metres, then follow the route."""
     found = []
-    if ends > situation.front_m + 2.0:
-        found.append(Option('keep', stay, ends - WALL_SHORT_M, 'end of the lane', cost=10.0))
     for metres in KEEP_FOR_M:
-        start = situation.s + metres
-        over = max(18.0, 2.4 * situation.speed)
-        if start + over > ends + 5.0:
+        start, over = situation.s + metres, max(18.0, 2.4 * situation.speed)
+        if start + over > ends_m + 5.0 or abs(float(np.interp(start, situation.grid, profile))) < ANOTHER_LANE_M:
             continue
-        if float(np.abs(np.interp(start, situation.grid, profile))) < ANOTHER_LANE_M:
-            continue
-        found.append(
-            Option(
-                f'keep {metres:.0f}',
-                later(stay, np.zeros_like(stay), situation.grid, start, over),
-                ends - WALL_SHORT_M if start > ends - WALL_SHORT_M else math.inf,
-                'end of the lane',
-                cost=2.0 + 0.06 * metres,
-            )
-        )
+        offset = later(stay, np.zeros_like(stay), situation.grid, start, over)
+        found.append(Option(f'keep {metres:.0f}', offset, cost=1.5 + 0.05 * metres, anchor=anchor))
     return found
 
 
@@ -154,13 +142,11 @@ def _past(situation: Situation, zone: Zone) -> list[Option]:
             continue
         kinds = {lane_kind(situation, s, side) for s in (zone.begin_m, 0.5 * (zone.begin_m + zone.end_m), zone.end_m)}
         oncoming = False
-        if across > room + 0.1:
-            if kinds == {FORWARD}:
-                across = max(across, width) if across > 1.4 else across
-            elif ONCOMING in kinds and FORWARD not in kinds and side > 0:
-                oncoming = True
-            else:
+        if across > room + BESIDE_LANE_M:
+            # Past it in a lane of the ego's direction is a lane change.
+            if ONCOMING not in kinds or FORWARD in kinds or side < 0 or zone.speed > SLOWEST_MPS:
                 continue
+            oncoming = True
         found.append(_around(situation, zone, side * across, oncoming=oncoming))
     return found
 
@@ -179,30 +165,16 @@ def _around(situation: Situation, zone: Zone, across_m: float, *, oncoming: bool
     target = np.full_like(grid, across_m)
     start = out_by - over
     if start <= situation.s:
-        offset = blend(
-            situation, target, max(min(shift_m(situation, across_m - situation.d), out_by - situation.s), 5.0)
-        )
+        over_now = max(min(shift_m(situation, across_m - situation.d), out_by - situation.s), 5.0)
+        offset, anchor = shifted(situation, target, over_now)
     else:
-        straight = blend(situation, np.zeros_like(grid), shift_m(situation, situation.d))
+        straight, anchor = shifted(situation, np.zeros_like(grid), shift_m(situation, situation.d))
         offset = later(straight, target, grid, start, over)
     if back_from > situation.s or oncoming:
         offset = later(offset, np.zeros_like(grid), grid, max(back_from, situation.s), max(12.0, 0.8 * over))
     name = f'pass {"left" if across_m > 0.0 else "right"}'
     cost = 2.0 if abs(across_m) < 0.5 * width else 3.0
-    return Option(name, offset, cost=cost + 2.0 * oncoming, oncoming=oncoming, about=zone.name)
-
-
-def _lane_beside(situation: Situation, side: int, name: str, *, hurried: bool) -> list[Option]:
-    profile = lane_profile(situation, side)
-    if profile is None:
-        return []
-    offset, ends = profile
-    across = float(np.interp(situation.s, situation.grid, offset)) - situation.d
-    if ends < situation.s + 40.0:
-        return []
-    away = float(np.abs(offset[situation.grid > situation.s]).mean()) > ANOTHER_LANE_M
-    moved = blend(situation, offset, max(shift_m(situation, across), 14.0))
-    return [Option(name, moved, ends - WALL_SHORT_M, 'end of the lane', cost=(0.0 if hurried else 5.0) * away)]
+    return Option(name, offset, cost=cost + 2.0 * oncoming, oncoming=oncoming, about=zone.name, anchor=anchor)
 
 
 def _emergency_behind(situation: Situation) -> float | None:
@@ -247,8 +219,8 @@ def _small_shifts(situation: Situation) -> list[Option]:
     found = []
     for across in (0.6 * room, -0.6 * room, room, -room):
         target = np.full_like(situation.grid, across)
-        moved = blend(situation, target, max(shift_m(situation, across - situation.d), 8.0))
-        found.append(Option(f'aside {across:+.1f}', moved, cost=0.6 + 0.6 * abs(across)))
+        moved, anchor = shifted(situation, target, max(shift_m(situation, across - situation.d), 8.0))
+        found.append(Option(f'aside {across:+.1f}', moved, cost=0.6 + 0.6 * abs(across), anchor=anchor))
     return found
 
 
@@ -264,6 +236,7 @@ def _hold(situation: Situation, option: Option, blocked: list[Zone]) -> None:
             continue
         stop = zone.begin_m - STAND_SHORT_M
         if stop > situation.front_m - 1.0:
+            option.cost += BLOCKED_COST
             if stop < option.stop_m:
                 option.stop_m, option.why = stop, f'blocked by {zone.name}'
         elif abs(situation.d) > 1.0:

@@ -32,6 +32,8 @@ MERGE_GAP_S, OPENS_MPS2 = 0.4, -1.5
 ALIGNED_COS = 0.7
 SLOW_MPS = 0.5
 FOLLOWER_BRAKES_MPS2, BEHIND_SEEN_M = 4.0, 50.0
+# Merging: speeds relative to the stream beside the ego, and how far ahead and behind it is looked at.
+STREAM_PARTS, STREAM_M = (0.8, 0.95, 1.1), 45.0
 FREE, LEADER, STOP, CAP = 0, 1, 2, 3
 
 Ints = NDArray[np.int64]
@@ -72,10 +74,14 @@ def plans(situation: Situation, found: list[Option]) -> list[Plan]:
     line, why = stop_line(situation)
     chosen: list[Plan] = []
     waits = conflict_stops(situation)
+    stream = _stream_shares(situation)
     near = any(at - situation.front_m < 30.0 for at, _ in waits)
     for index, option in enumerate(found):
         stop, reason = (line, why) if line <= option.stop_m else (option.stop_m, option.why)
-        for share in SHARES if index == 0 else OTHER_SHARES:
+        shares = SHARES if index == 0 else OTHER_SHARES
+        if stream and (index == 0 or option.family in ('keep', 'left', 'right')):
+            shares = (*shares, *stream)
+        for share in shares:
             chosen.append(Plan(index, share, stop, why=reason))
         if index > 4 and not option.oncoming:
             continue
@@ -87,6 +93,18 @@ def plans(situation: Situation, found: list[Option]) -> list[Plan]:
     chosen.append(Plan(0, 0.0, line, why=why))
     chosen.append(Plan(0, 0.0, line, brake=True, why=why))
     return chosen
+
+
+def _stream_shares(situation: Situation) -> tuple[float, ...]:
+    """Shares of the advised speed around the speed of the cars in the lanes beside the ego."""
+    view = situation.forecast
+    aside = np.abs(view.d[:, 0] - situation.d)
+    beside = (aside > 1.8) & (aside < 5.0) & (np.abs(view.s[:, 0] - situation.s) < STREAM_M)
+    beside &= (np.cos(view.turned[:, 0]) > ALIGNED_COS) & (view.speed[:, 0] > 2.0)
+    if beside.sum() < 2:
+        return ()
+    speed = float(np.median(view.speed[beside, 0])) / max(situation.advised_mps, 1.0)
+    return tuple(round(speed * part, 2) for part in STREAM_PARTS if speed * part < 0.97)
 
 
 def roll_out(situation: Situation, found: list[Option], chosen: list[Plan], before_mps2: float) -> Rollouts:

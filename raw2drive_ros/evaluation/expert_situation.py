@@ -40,6 +40,18 @@ class Zone:
     name: str
 
 
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """Where a shift to the side began: arc length, offset, slope, and its length. stations, target: where it leads."""
+
+    s_m: float
+    d_m: float
+    slope: float
+    over_m: float
+    stations: Float64
+    target: Float64
+
+
 @dataclass(slots=True)
 class Situation:
     """grid: (G,) arc lengths of the route around the ego. limit: (G,) advised speed there."""
@@ -56,6 +68,7 @@ class Situation:
     grid: Float64
     limit: Float64
     forecast: Forecast
+    anchor: Anchor | None = None
 
     @property
     def front_m(self) -> float:
