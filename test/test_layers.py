@@ -70,8 +70,8 @@ def test_rooms_of_one_floor_do_not_know_each_other(known) -> None:
 def test_the_only_circle_is_one_of_types(known) -> None:
     """The world and its traffic name each other's types; nothing of it runs at import time."""
     names = (
-        *('actors', 'background', 'ego_route', 'flows', 'free_space', 'leaders', 'right_of_way', 'roadside'),
-        *('scenario', 'scripts', 'world', 'world_actors'),
+        *('actors', 'background', 'car_following', 'contact', 'ego_route', 'flows', 'free_space', 'leaders'),
+        *('right_of_way', 'roadside', 'scenario', 'scripts', 'world', 'world_actors'),
     )
     world = {f'raw2drive_ros.simulation.{name}' for name in names}
     assert circles(known, at_once=False) == [world]

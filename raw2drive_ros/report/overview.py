@@ -135,7 +135,7 @@ class Overview:
             self._fill(polygon, COLOURS['road'])
         for marking in road.markings:
             colour = PAINT['yellow' if marking.kind.startswith('yellow') else 'white']
-            if marking.kind == 'zebra':
+            if marking.kind in ('zebra', 'arrow'):
                 self._fill(marking.points_m, colour)
             elif marking.kind.endswith('dashed'):
                 # Points are 1 m apart: 3 m of paint, 3 m without.

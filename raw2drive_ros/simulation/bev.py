@@ -100,6 +100,8 @@ class BevRenderer:
         thickness = max(1, round(LINE_STROKE_M * MAP_PIXELS_PER_M))
         for marking in self.world.road.markings:
             kind = marking.kind
+            if kind == 'arrow':
+                continue
             if kind == 'zebra':
                 cv2.fillPoly(planes['crosswalk_or_stop_line'], [self._to_map(marking.points_m)], 1, shift=SHIFT)
                 continue

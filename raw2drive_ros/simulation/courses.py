@@ -19,7 +19,6 @@ from raw2drive_ros.simulation.roads import SAMPLE_M, RoadMap
 
 # A connector that changes the heading by less is no turn.
 STRAIGHT_RAD = 0.5
-STOP_BEFORE_M = 0.6
 # Traffic takes curves with this lateral acceleration, and brakes this hard before them.
 CURVE_MPS2 = 2.5
 BRAKING_MPS2 = 1.8
@@ -134,8 +133,10 @@ class CourseBook:
         return found
 
     def lane(self, edge: tuple[str, str], number: int) -> LaneRef:
-        """Lane `number` of an edge, or its last one."""
-        return (*edge, min(max(number, 0), self._count(edge) - 1))
+        """Lane `number` of an edge, or the nearest one; across a junction, the lane that begins in lane `number`."""
+        lanes = self.road.network.graph[edge[0]][edge[1]]
+        begins = [index if lane.from_lane is None else lane.from_lane for index, lane in enumerate(lanes)]
+        return (*edge, min(range(len(lanes)), key=lambda index: abs(begins[index] - number)))
 
     def sources(self) -> list[LaneRef]:
         """Lanes that begin at the edge of the map."""
@@ -152,13 +153,15 @@ class CourseBook:
     def turn_of(self, ref: LaneRef) -> str:
         """How a lane turns: left, ahead or right."""
         lane = self.lanes[ref]
+        if lane.turn:
+            return lane.turn
         angle = lane.length * lane.curvature
         return AHEAD if abs(angle) < STRAIGHT_RAD else LEFT if angle > 0.0 else RIGHT
 
     def choices(self, ref: LaneRef) -> tuple[LaneRef, ...]:
         """The lanes that a vehicle may go on to. At a junction of several lanes the outer ones turn outwards only."""
         following = self.after[ref]
-        if len(following) < 2:
+        if len(following) < 2 or self._has_turn_lanes(following[0]):
             return following
         last = self._count((ref[0], ref[1])) - 1
         allowed = [
@@ -169,6 +172,10 @@ class CourseBook:
             or (turn == RIGHT and ref[2] == last)
         ]
         return tuple(allowed) or following
+
+    def _has_turn_lanes(self, connector: LaneRef) -> bool:
+        junction = self.lanes[connector].junction
+        return junction >= 0 and bool(self.road.junctions[junction].spec.turn_lanes)
 
     def downstream(self, ref: LaneRef, then: Sequence[str] = ()) -> tuple[LaneRef, ...]:
         """Lanes from `ref` to the edge of the map. then: the turn at each junction on the way (left, ahead, right, or
@@ -235,7 +242,7 @@ class CourseBook:
                 continue
             enter, leave = float(begins[index]), float(begins[index + 1])
             source, target = self.arms[lane.junction, ref[0]], self.arms.get((lane.junction, ref[1]), '')
-            stop = enter - STOP_BEFORE_M
+            stop = enter - self.road.junctions[lane.junction].spec.line_before_m(source)
             crossings.append(Crossing(lane.junction, source, target, ref, self.turn_of(ref), stop, enter, leave))
         return Course(path, lanes, tuple(float(s) for s in begins), tuple(crossings), curve_speeds_mps(path))
 

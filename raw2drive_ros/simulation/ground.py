@@ -29,7 +29,13 @@ WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 # Distance assumed for everything beyond `FAR_M`.
 HORIZON_M = 165.0
 GRASS, SIDEWALK, ASPHALT = (86, 110, 62), (150, 148, 142), (72, 72, 76)
-PAINT = {'white': (235, 235, 235), 'yellow': (230, 190, 60), 'stop': (240, 240, 240), 'zebra': (240, 240, 240)}
+PAINT = {
+    'white': (235, 235, 235),
+    'yellow': (230, 190, 60),
+    'stop': (240, 240, 240),
+    'zebra': (240, 240, 240),
+    'arrow': (235, 235, 235),
+}
 LINE_WIDTH_M = {'white': 0.18, 'yellow': 0.18, 'stop': 0.5}
 DASH_M, GAP_M = 3.0, 3.0
 SHIFT = 4
@@ -79,7 +85,7 @@ def paint_ground(
         cv2.fillPoly(texture, [pixels(polygon)], grass.tolist(), shift=SHIFT)
     for marking in road.markings:
         kind = marking.kind.removesuffix('_dashed')
-        if kind == 'zebra':
+        if kind in ('zebra', 'arrow'):
             cv2.fillPoly(texture, [pixels(marking.points_m)], paint(kind), shift=SHIFT)
             continue
         width = max(1, round(LINE_WIDTH_M[kind] * PIXELS_PER_M))

@@ -16,7 +16,8 @@ class ArcLane(AbstractLane):
 
     start_m: (x, y) of the centre line's start in `map`. curvature: 1/m, positive turns left. junction: number of the
     junction that the lane crosses, -1 outside of junctions. to_lane: index of the lane that it leads into on the next
-    edge; None: of the same index; from_lane: of the lane on the edge before.
+    edge; None: of the same index; from_lane: of the lane on the edge before. turn: how a lane across a junction turns,
+    left, ahead or right, as its drivers see it; '' outside.
     """
 
     forbidden = False
@@ -41,6 +42,7 @@ class ArcLane(AbstractLane):
         self.junction = -1
         self.to_lane: int | None = None
         self.from_lane: int | None = None
+        self.turn = ''
 
     def pose(self, longitudinal: float, lateral: float = 0.0) -> tuple[float, float, float]:
         """(x, y, yaw) in `map`."""
@@ -130,3 +132,8 @@ def blend_m(begin: tuple[float, float, float], end: tuple[float, float, float], 
     count = max(4, math.ceil(3.0 * reach / spacing_m))
     t = np.linspace(0.0, 1.0, count + 1)[:, None]
     return (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d
+
+
+def outline_points(lane: ArcLane, left: float, right: float, spacing_m: float = 1.0) -> Float64:
+    """(N, 2) polygon of a strip along a lane."""
+    return np.concatenate([lane.centre_line(spacing_m, left), lane.centre_line(spacing_m, right)[::-1]])

@@ -5,40 +5,52 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from highway_env.road.road import RoadNetwork
 
 from raw2drive_ros.contracts.errors import LayoutError
 from raw2drive_ros.contracts.public import Float64
-from raw2drive_ros.simulation.junction_builder import JunctionBuilder, inlets_of, outlet_of, outline_points
+from raw2drive_ros.simulation.junction_builder import (
+    Across,
+    JunctionBuilder,
+    half_size_m,
+    inlets_of,
+    outlet_of,
+    zebra_stripes,
+)
+from raw2drive_ros.simulation.lane_layer import LaneLayer, has_side_lane
 from raw2drive_ros.simulation.lanes import ArcLane
 from raw2drive_ros.simulation.layout import (
     ARM_LENGTH_M,
-    DROP_BEFORE_M,
     LEAD_M,
     Junction,
     Piece,
     RoadLayout,
     Straight,
 )
-from raw2drive_ros.simulation.road_surface import RoadSurface
-from raw2drive_ros.simulation.roads import SAMPLE_M, Edge, Marking, Pose, RoadMap, advance
+from raw2drive_ros.simulation.roads import Pose, RoadMap, advance
+from raw2drive_ros.simulation.side_lanes import add_exit, add_ramp
+from raw2drive_ros.simulation.surface_painter import paint_surface
+from raw2drive_ros.simulation.turn_arrows import mark_turn_lanes
 
 # Arms, and the road before and beyond the chain, are shortened step by step where they would meet other roads.
 STEP_M, SHORTEST_M = 15.0, 35.0
 # Spacing of the points by which roads are kept apart.
 COARSE_M = 4.0
+# Parking bays end so far from junctions; shorter strips are left out.
+CLEAR_OF_JUNCTION_M, SHORTEST_BAYS_M = 12.0, 12.0
+# So far from where it joins the chain a ramp is a road of its own.
+JOINED_M = 50.0
 
 
-class RoadBuilder:
+class RoadBuilder(LaneLayer):
     """Builds the map of a layout piece by piece; `build()` returns it. Raises LayoutError where pieces overlap."""
 
     def __init__(self, layout: RoadLayout) -> None:
-        self.layout = layout
-        self.road = RoadMap(RoadNetwork(), layout)
-        self.width = layout.lane_width_m
+        super().__init__(layout)
         self.distance_m = 0.0
         # (piece, points) of the middles of all roads so far, to keep others clear of them.
         self.taken: list[tuple[int, Float64]] = []
+        # Piece -> (middle, half its size) of junctions.
+        self.sites: dict[int, tuple[Pose, float]] = {}
         self.arm_lengths: dict[tuple[int, str], float] = {}
 
     def build(self) -> RoadMap:
@@ -49,20 +61,22 @@ class RoadBuilder:
         for index, piece in enumerate(self.layout.pieces):
             pose = poses[index]
             if isinstance(piece, Junction):
-                self.distance_m += JunctionBuilder(self, index, piece, pose).build()
+                self.distance_m += JunctionBuilder(self, index, piece, pose).build(self.distance_m, self.arm_lengths)
                 continue
             length, curvature = _shape(piece)
             self._section(index, pose, length, curvature)
             end = poses[index + 1]
             if isinstance(piece, Straight):
                 if piece.ramp or piece.drop:
-                    self._ramp(index, end, piece.length_m, straight=piece.drop)
+                    add_ramp(self, index, end, piece.length_m, straight=piece.drop)
                 if piece.exit:
-                    self._exit(index, end, piece.length_m)
+                    add_exit(self, index, end, piece.length_m)
         self._lead('lead_out', poses[-1], lead_m[1])
+        self._check_side_lanes()
         for zebra_s in self.layout.zebras_m:
             self._zebra(zebra_s)
-        self.road.surface = RoadSurface(self.road)
+        mark_turn_lanes(self.road)
+        self.road.surface = paint_surface(self.road)
         return self.road
 
     def _poses(self) -> list[Pose]:
@@ -74,6 +88,7 @@ class RoadBuilder:
                 outlet = outlet_of(piece, self.layout, pose)
                 centre, _ = inlets_of(piece, self.layout, pose)
                 points = np.array([pose[:2], centre[:2], outlet[:2]])
+                self.sites[index] = centre, half_size_m(piece, self.layout)
                 poses.append(outlet)
             else:
                 lane = ArcLane(pose[:2], pose[2], *_shape(piece), 1.0, 1.0)
@@ -110,15 +125,41 @@ class RoadBuilder:
         raise LayoutError(f'no room for a road at piece {beside}')
 
     def _is_clear(self, piece: int, points: Float64) -> bool:
-        """Whether a road is far enough from all roads but those of the neighbouring pieces."""
+        """Whether a road is far enough from all roads but those of the neighbouring pieces. Roads that meet at a
+        junction may be closer near it."""
         lanes = max(self.layout.forward_lanes, self.layout.backward_lanes)
         clearance = 2.0 * lanes * self.width + 6.0
         for other, others in self.taken:
-            if abs(piece - other) > 1:
-                gap = points[:, None] - others[None]
-                if np.min(np.einsum('abk,abk->ab', gap, gap)) < clearance**2:
-                    return False
+            apart = abs(piece - other)
+            site = next((self.sites[i] for i in sorted((piece, other, (piece + other) // 2)) if i in self.sites), None)
+            if not apart or (apart == 1 and site is None):
+                continue
+            own, theirs = points, others
+            if apart <= 2 and site is not None:
+                own, theirs = (_outside(part, site[0], site[1] + clearance) for part in (own, theirs))
+            gap = own[:, None] - theirs[None]
+            if gap.size and np.min(np.einsum('abk,abk->ab', gap, gap)) < clearance**2:
+                return False
         return True
+
+    def _check_side_lanes(self) -> None:
+        """Raise LayoutError where a ramp or an exit meets another road, away from where it joins the chain."""
+        road = self.road
+        beside = next((i for i, piece in enumerate(self.layout.pieces) if has_side_lane(piece)), -1)
+        clearance = (max(self.layout.forward_lanes, self.layout.backward_lanes) + 1.0) * self.width + 3.0
+        if any(isinstance(piece, Straight) and piece.drop for piece in self.layout.pieces):
+            # A lane that ends runs beside the chain's lanes all the way.
+            clearance = (self.layout.forward_lanes + 0.5) * self.width - 0.4
+        for edges, end in ((road.ramp, -1), (road.exit, 0)):
+            if not edges:
+                continue
+            join = road.lane(edges[end], 0).pose(0.0 if edges is road.ramp else road.lane(edges[0], 0).length)
+            points = np.concatenate([road.lane(edge, 0).centre_line(COARSE_M) for edge in edges])
+            points = _outside(points, join, JOINED_M)
+            for other, others in self.taken:
+                gap = points[:, None] - others[None]
+                if other != beside and np.min(np.einsum('abk,abk->ab', gap, gap)) < clearance**2:
+                    raise LayoutError(f'the ramp of piece {beside} meets piece {other}')
 
     def _lead(self, name: str, pose: Pose, length: float) -> None:
         """The road before the first piece or beyond the last one."""
@@ -129,137 +170,20 @@ class RoadBuilder:
         else:
             forward, backward = (f'c{last}', name), (f'{name}_back', f'b{last}')
             self.road.lead_out = forward, backward
-        self._strip_lanes(forward, backward, pose, length, 0.0)
-
-    def add(self, edge: Edge, pose: Pose, length: float, curvature: float, junction: int = -1) -> None:
-        """A lane on an edge, right of those that it has."""
-        lane = ArcLane(pose[:2], pose[2], length, curvature, self.width, self.layout.speed_limit_mps)
-        lane.junction = junction
-        self.road.network.add_lane(*edge, lane)
-
-    def parallel(
-        self, edge: Edge, pose: Pose, length: float, curvature: float, offset: float, *, reverse: bool
-    ) -> None:
-        """A lane `offset` metres left of a reference arc."""
-        scale = 1.0 - curvature * offset
-        start = advance(pose, 0.0, offset)
-        if not reverse:
-            self.add(edge, start, length * scale, curvature / scale)
-            return
-        end = ArcLane(start[:2], start[2], length * scale, curvature / scale, 1, 1).pose(length * scale)
-        self.add(edge, (end[0], end[1], end[2] + math.pi), length * scale, -curvature / scale)
+        self.strip_lanes(forward, backward, pose, length, 0.0)
 
     def _section(self, index: int, pose: Pose, length: float, curvature: float) -> None:
         forward, backward = (f'c{index}', f'c{index + 1}'), (f'b{index + 1}', f'b{index}')
-        self._strip_lanes(forward, backward, pose, length, curvature)
+        pieces = self.layout.pieces
+        begin = CLEAR_OF_JUNCTION_M if index and isinstance(pieces[index - 1], Junction) else 0.0
+        following = pieces[index + 1] if index + 1 < len(pieces) else None
+        end = length - (CLEAR_OF_JUNCTION_M if isinstance(following, Junction) else 0.0)
+        if end - begin > SHORTEST_BAYS_M:
+            self.bays(pose, length, curvature, begin, end)
+        self.strip_lanes(forward, backward, pose, length, curvature)
         self.road.forward.append(forward)
         self.road.backward.append(backward)
         self.distance_m += length
-
-    def _strip_lanes(self, forward: Edge, backward: Edge, pose: Pose, length: float, curvature: float) -> None:
-        """The lanes, surface and markings of a stretch of the chain's road."""
-        layout = self.layout
-        for lane in range(layout.forward_lanes):
-            self.parallel(forward, pose, length, curvature, -(lane + 0.5) * self.width, reverse=False)
-        for lane in range(layout.backward_lanes):
-            self.parallel(backward, pose, length, curvature, (lane + 0.5) * self.width, reverse=True)
-        self.paint(pose, length, curvature, layout.forward_lanes, layout.backward_lanes)
-
-    def paint(self, pose: Pose, length: float, curvature: float, forward: int, backward: int) -> None:
-        """Asphalt, sidewalks, edge lines, lane lines and the centre line of one section."""
-        layout, road = self.layout, self.road
-        lane = ArcLane(pose[:2], pose[2], length, curvature, 1, 1)
-        left, right = backward * self.width, -forward * self.width
-        margin = layout.shoulder_m
-        road.surfaces_m.append(outline_points(lane, left + margin, right - margin))
-        road.sidewalks_m.append(outline_points(lane, left + margin + 2.0, right - margin - 2.0))
-        mark = road.markings.append
-        mark(Marking('white', lane.centre_line(SAMPLE_M, right)))
-        mark(Marking('white' if backward else 'yellow', lane.centre_line(SAMPLE_M, left)))
-        for i in range(1, forward):
-            mark(Marking('white_dashed', lane.centre_line(SAMPLE_M, -i * self.width)))
-        for i in range(1, backward):
-            mark(Marking('white_dashed', lane.centre_line(SAMPLE_M, i * self.width)))
-        if backward:
-            kind = 'yellow_dashed' if forward == 1 else 'yellow'
-            mark(Marking(kind, lane.centre_line(SAMPLE_M)))
-
-    def _ramp(self, index: int, end: Pose, length: float, *, straight: bool) -> None:
-        """A lane right of the section that ends at `end`, fed by a curved on-ramp, or straight from beside the road."""
-        road, layout = self.road, self.layout
-        start = advance(end, -length)
-        offset = -(layout.forward_lanes + 0.5) * self.width
-        angle, radius = (0.001 if straight else math.radians(14.0)), 120.0
-        join = advance(start, 0.0, offset)
-        arc_length = radius * angle
-        along, aside = radius * math.sin(angle), radius * (1 - math.cos(angle))
-        # The ramp approaches from the right and curves right until it is parallel to the road.
-        arc_start = advance(join, -along, -aside, angle)
-        # Arc length 0 of the ramp's path is 60 m before the curve; the ramp comes from out of sight.
-        before = DROP_BEFORE_M if straight else 60.0 + LEAD_M
-        far = advance(arc_start, -before)
-        blend_m = 30.0
-        self.add((f'r{index}a', f'r{index}b'), far, before, 0.0)
-        self.add((f'r{index}b', f'r{index}c'), arc_start, arc_length, -1 / radius)
-        self.add((f'r{index}c', f'r{index}d'), join, length - blend_m, 0.0)
-        road.ramp = [(f'r{index}a', f'r{index}b'), (f'r{index}b', f'r{index}c'), (f'r{index}c', f'r{index}d')]
-        road.ramp_piece = index
-        self._pave_side_lanes(road.ramp, beside=road.ramp[-1])
-        taper = [
-            advance(end, -blend_m, -layout.forward_lanes * self.width)[:2],
-            advance(end, -blend_m, offset - self.width / 2)[:2],
-            advance(end, 0.0, -layout.forward_lanes * self.width)[:2],
-        ]
-        road.surfaces_m.append(np.array(taper))
-        road.markings.append(Marking('white', np.array(taper[1:])))
-        self._dash_edge_line(start)
-
-    def _exit(self, index: int, end: Pose, length: float) -> None:
-        """A deceleration lane right of the section that ends at `end`, and an off-ramp that curves away."""
-        road, layout = self.road, self.layout
-        start = advance(end, -length)
-        offset = -(layout.forward_lanes + 0.5) * self.width
-        angle, radius, blend_m = math.radians(16.0), 110.0, 30.0
-        lane_start = advance(start, blend_m, offset)
-        leave = advance(end, 0.0, offset)
-        arc = ArcLane(leave[:2], leave[2], radius * angle, -1 / radius, 1, 1)
-        self.add((f'x{index}a', f'x{index}b'), lane_start, length - blend_m, 0.0)
-        self.add((f'x{index}b', f'x{index}c'), leave, radius * angle, -1 / radius)
-        self.add((f'x{index}c', f'x{index}d'), arc.pose(arc.length), 70.0 + LEAD_M, 0.0)
-        road.exit = [(f'x{index}a', f'x{index}b'), (f'x{index}b', f'x{index}c'), (f'x{index}c', f'x{index}d')]
-        self._pave_side_lanes(road.exit, beside=road.exit[0])
-        taper = [
-            advance(start, blend_m, -layout.forward_lanes * self.width)[:2],
-            advance(start, blend_m, offset - self.width / 2)[:2],
-            advance(start, 0.0, -layout.forward_lanes * self.width)[:2],
-        ]
-        road.surfaces_m.append(np.array(taper))
-        road.markings.append(Marking('white', np.array(taper[1:])))
-        self._dash_edge_line(start)
-
-    def _pave_side_lanes(self, edges: list[Edge], beside: Edge) -> None:
-        """Asphalt and edge lines of a ramp; edge `beside`, which runs along the road, has no line on its left."""
-        road, half, shoulder = self.road, self.width / 2, self.layout.shoulder_m
-        for edge in edges:
-            lane = road.lane(edge, 0)
-            road.surfaces_m.append(outline_points(lane, half, -half - shoulder))
-            road.sidewalks_m.append(outline_points(lane, half + 1, -half - shoulder - 2))
-            road.markings.append(Marking('white', lane.centre_line(SAMPLE_M, -half)))
-            if edge != beside:
-                road.markings.append(Marking('white', lane.centre_line(SAMPLE_M, half)))
-
-    def _dash_edge_line(self, start: Pose) -> None:
-        """Make the right edge line of the section that starts at `start` dashed, where a lane was added beside it."""
-        road, layout = self.road, self.layout
-        edge_line = road.markings.pop(
-            next(
-                i
-                for i, marking in enumerate(road.markings)
-                if marking.kind == 'white'
-                and np.allclose(marking.points_m[0], advance(start, 0, -layout.forward_lanes * self.width)[:2])
-            )
-        )
-        road.markings.append(Marking('white_dashed', edge_line.points_m))
 
     def _zebra(self, s_m: float) -> None:
         """A zebra crossing over the whole road at arc length `s_m` of the forward chain, on a straight piece."""
@@ -267,13 +191,29 @@ class RoadBuilder:
         x, y, yaw = path.pose(s_m)
         origin = advance((x, y, yaw), 0.0, self.width / 2)
         left, right = self.layout.backward_lanes * self.width, self.layout.forward_lanes * self.width
-        offset = -right + 0.3
-        while offset + 0.5 < left:
-            corners = [
-                advance(origin, a, offset + b)[:2] for a, b in ((-1.5, 0.0), (1.5, 0.0), (1.5, 0.5), (-1.5, 0.5))
-            ]
-            self.road.markings.append(Marking('zebra', np.array(corners)))
-            offset += 1.0
+        self.road.markings += zebra_stripes(origin, -right, left)
+
+
+def piece_stations_m(layout: RoadLayout, lane: int = 0) -> tuple[float, ...]:
+    """Arc lengths on lane `lane` of the forward chain at which each piece begins, and where the last one ends."""
+    pose: Pose = (0.0, 0.0, 0.0)
+    found = [0.0]
+    for piece in layout.pieces:
+        if isinstance(piece, Junction):
+            across = Across(piece, layout, pose)
+            length = across.lane('back', piece.turn, lane).length
+            pose = outlet_of(piece, layout, pose)
+        else:
+            whole, curvature = _shape(piece)
+            length = whole * (1.0 + curvature * (lane + 0.5) * layout.lane_width_m)
+            pose = ArcLane(pose[:2], pose[2], whole, curvature, 1.0, 1.0).pose(whole)
+        found.append(found[-1] + length)
+    return tuple(found)
+
+
+def _outside(points: Float64, middle: Pose, radius: float) -> Float64:
+    """The points that are farther than `radius` from `middle`."""
+    return points[np.hypot(points[:, 0] - middle[0], points[:, 1] - middle[1]) > radius]
 
 
 def _shape(piece: Piece) -> tuple[float, float]:

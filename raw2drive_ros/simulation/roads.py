@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from highway_env.road.road import RoadNetwork
@@ -18,11 +17,9 @@ from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.lanes import ArcLane
 from raw2drive_ros.simulation.layout import ARM_LENGTH_M, LEAD_M, Junction, RoadLayout
 from raw2drive_ros.simulation.path import Path
+from raw2drive_ros.simulation.road_surface import RoadSurface
 
 ARM_TURN_RAD = {'left': math.pi / 2, 'ahead': 0.0, 'right': -math.pi / 2}
-if TYPE_CHECKING:
-    from raw2drive_ros.simulation.road_surface import RoadSurface
-
 Pose = tuple[float, float, float]
 Edge = tuple[str, str]
 # Spacing of the points of centre lines and markings.
@@ -41,7 +38,7 @@ def advance(pose: Pose, forward_m: float, left_m: float = 0.0, turn_rad: float =
 
 @dataclass(frozen=True, slots=True)
 class Marking:
-    """A road marking. kind: white, white_dashed, yellow, yellow_dashed or stop (polylines), or zebra (a polygon).
+    """A road marking. kind: white, white_dashed, yellow, yellow_dashed or stop (polylines), zebra or arrow (polygons).
 
     points_m: (N, 2).
     """
@@ -69,8 +66,8 @@ class JunctionSite:
 
 @dataclass(slots=True)
 class RoadMap:
-    """Lanes, surfaces and markings of a road. surfaces_m, sidewalks_m, islands_m: (N, 2) polygons;
-    islands lie on surfaces. exit: edges of the off-ramp."""
+    """Lanes, surfaces and markings of a road. surfaces_m, sidewalks_m, parking_m, islands_m: (N, 2)
+    polygons; parking bays and islands lie on surfaces. exit: edges of the off-ramp."""
 
     network: RoadNetwork
     layout: RoadLayout
@@ -83,15 +80,18 @@ class RoadMap:
     lead_in: tuple[Edge, Edge] | None = None
     lead_out: tuple[Edge, Edge] | None = None
     junctions: list[JunctionSite] = field(default_factory=list)
+    # Lanes across junctions by their number, those that turn lanes exclude included: what paths are measured along.
+    across: dict[Edge, list[ArcLane]] = field(default_factory=dict)
     surfaces_m: list[Float64] = field(default_factory=list)
     sidewalks_m: list[Float64] = field(default_factory=list)
+    parking_m: list[Float64] = field(default_factory=list)
     islands_m: list[Float64] = field(default_factory=list)
     markings: list[Marking] = field(default_factory=list)
     reference: Path | None = None
     surface: RoadSurface | None = None
 
     def lane(self, edge: Edge, lane: int) -> ArcLane:
-        lanes = self.network.graph[edge[0]][edge[1]]
+        lanes = self.across.get(edge) or self.network.graph[edge[0]][edge[1]]
         found: ArcLane = lanes[min(lane, len(lanes) - 1)]
         return found
 
@@ -105,6 +105,17 @@ class RoadMap:
         found = Path(np.concatenate([part.centre_line(SAMPLE_M) for part in lanes]), start_s_m)
         found.end_s_m = found.length_m - sum(part.length for part in lanes[len(lanes) - beyond :])
         return found
+
+    def lanes_into(self, node: str) -> list[ArcLane]:
+        """The lanes outside of junctions that lead to a node."""
+        edges = [ends[node] for ends in self.network.graph.values() if node in ends]
+        return [lane for lanes in edges for lane in lanes if lane.junction < 0]
+
+    def stop_line(self, junction: int, arm: str) -> tuple[Pose, float]:
+        """(pose of the middle of an approach's stop line heading into the junction, its width m), signs or not."""
+        site = self.junctions[junction]
+        width = self.layout.forward_lanes * self.layout.lane_width_m
+        return advance(site.inlets[arm], -site.spec.line_before_m(arm), -width / 2), width
 
     def lanes_along(self, *, oncoming: bool) -> list[Edge]:
         """The edges of the chain in one direction, with those before and beyond it."""

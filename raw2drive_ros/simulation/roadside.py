@@ -111,7 +111,8 @@ def place_roadside(
         open_m = _open_stations(road, path, taken_m)
         if side in parked_sides:
             found += _parked(path, open_m, spec.parked, layout.lane_width_m / 2, rng, split)
-        found += _people(path, open_m, spec.bystanders, layout.lane_width_m / 2, rng, split)
+        beside = max(SIDEWALK_M, layout.parking_width_m(side) + layout.shoulder_m + 1.0)
+        found += _people(path, open_m, spec.bystanders, layout.lane_width_m / 2 + beside, rng, split)
     return found
 
 
@@ -148,7 +149,7 @@ def _parked(path: Path, open_m: Float64, share: float, half_m: float, rng: Rng, 
     return found
 
 
-def _people(path: Path, open_m: Float64, per_100_m: int, half_m: float, rng: Rng, split: str) -> list[Actor]:
+def _people(path: Path, open_m: Float64, per_100_m: int, beside_m: float, rng: Rng, split: str) -> list[Actor]:
     found: list[Actor] = []
     free = set(open_m.tolist())
     for begin in np.arange(path.start_s_m + 2.0, path.length_m - STRETCH_M, STRETCH_M + 2.0).tolist():
@@ -164,7 +165,7 @@ def _people(path: Path, open_m: Float64, per_100_m: int, half_m: float, rng: Rng
                 path,
                 between,
                 begin + at * STRETCH_M,
-                -(half_m + SIDEWALK_M),
+                -beside_m,
                 walk if side < 0.5 else -walk,
                 look,
             )

@@ -13,8 +13,8 @@ from raw2drive_ros.simulation.courses import Course, Crossing, LaneRef
 from raw2drive_ros.simulation.draws import Rng
 from raw2drive_ros.simulation.flows import Flow
 from raw2drive_ros.simulation.path import Path
+from raw2drive_ros.simulation.posts import lamp_pole, sign_pole
 from raw2drive_ros.simulation.right_of_way import main_arms
-from raw2drive_ros.simulation.roads import ARM_TURN_RAD
 from raw2drive_ros.simulation.roadside import Roadside, place_roadside
 from raw2drive_ros.simulation.scenario import (
     AcrossJunction,
@@ -93,15 +93,7 @@ class WorldBuilder:
 
     def _pole(self, junction: int, arm: str, *, beyond: bool) -> PolePose:
         """The pose of a pole right of the road, before or beyond a junction, that looks at approach `arm`."""
-        site = self.road.junctions[junction]
-        ref = self.world.book.approach_of(junction, arm)
-        lane = self.world.book.lanes[ref]
-        x, y, yaw = lane.pose(lane.length)
-        along = 2.0 * site.half_size_m + 1.0 if beyond else -1.0
-        lanes = self.world.book.count(ref)
-        aside = -((lanes - ref[2] - 0.5) * lane.width + 1.5)
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        return x + along * cos - aside * sin, y + along * sin + aside * cos, yaw + math.pi
+        return lamp_pole(self.road, junction, arm) if beyond else sign_pole(self.road, junction, arm)
 
     def _junction_entry(self, junction: int, *, beyond: bool) -> tuple[float, PolePose]:
         """(arc length of the ego's stop line on the route, pose of a pole before or beyond the junction)."""
@@ -109,7 +101,7 @@ class WorldBuilder:
         cos, sin = math.cos(site.heading_rad), math.sin(site.heading_rad)
         x, y = site.centre_m[0] - site.half_size_m * cos, site.centre_m[1] - site.half_size_m * sin
         line_s, _ = self.world.route.project(x, y)
-        return line_s - 0.6, self._pole(junction, 'back', beyond=beyond)
+        return line_s - site.spec.line_before_m('back'), self._pole(junction, 'back', beyond=beyond)
 
     # -- the ego's route --------------------------------------------------------------------------
 
@@ -123,7 +115,8 @@ class WorldBuilder:
             begin, end = book.lanes[ref].pose(0.0), book.lanes[ref].pose(book.lanes[ref].length)
             enter, leave = route.project(*begin[:2])[0], route.project(*end[:2])[0]
             turn = book.turn_of(ref)
-            found[number] = Crossing(number, 'back', site.spec.turn, ref, turn, enter - 0.6, enter, leave)
+            stop = enter - site.spec.line_before_m('back')
+            found[number] = Crossing(number, 'back', site.spec.turn, ref, turn, stop, enter, leave)
         return found
 
     def own_lanes(self) -> set[LaneRef]:
@@ -242,11 +235,8 @@ class WorldBuilder:
 
     def _stop_line_s_m(self, spec: TrafficSpec, path: Path) -> float:
         """Arc length of a vehicle's stop line before junction `spec.junction`, on its path."""
-        site = self.road.junctions[spec.junction]
         arm = spec.on[0] if isinstance(spec.on, tuple) else 'back'
-        yaw = site.heading_rad + (math.pi if arm == 'back' else ARM_TURN_RAD[arm])
-        x = site.centre_m[0] + (site.half_size_m + 0.6) * math.cos(yaw)
-        y = site.centre_m[1] + (site.half_size_m + 0.6) * math.sin(yaw)
+        (x, y, _), _ = self.road.stop_line(spec.junction, arm)
         return path.project(x, y)[0]
 
     def _traffic_path(self, spec: TrafficSpec) -> Path:
@@ -310,6 +300,8 @@ class WorldBuilder:
         """The sides with parked cars; cyclists ride on the other one."""
         if not spec.parked:
             return ''
+        if self.scene.layout.parking in ('right', 'left') or (self.scene.layout.parking and not spec.cyclists):
+            return self.scene.layout.parking.replace('both', 'both right left')
         if not spec.cyclists and self.world.draw.stream('parked on both sides').random() < 0.5:
             return 'both right left'
         return 'right' if self.world.draw.stream('parked side').random() < 0.5 else 'left'
