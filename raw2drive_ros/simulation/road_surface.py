@@ -25,6 +25,12 @@ class RoadSurface:
         columns, rows = np.ceil((extent_m.max(axis=0) + MARGIN_M - self.origin_m) * PIXELS_PER_M).astype(int).tolist()
         self.kinds: NDArray[np.uint8] = np.full((rows, columns), OFF, np.uint8)
 
+    def copy(self) -> RoadSurface:
+        """An independent copy."""
+        found = RoadSurface.__new__(RoadSurface)
+        found.origin_m, found.kinds = self.origin_m, self.kinds.copy()
+        return found
+
     def fill(self, polygon_m: Float64, kind: int) -> None:
         """Set the kind of an (N, 2) polygon."""
         fixed = np.round(((polygon_m - self.origin_m) * PIXELS_PER_M - 0.5) * 2**SHIFT).astype(np.int32)
