@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from raw2drive_ros.contracts.errors import LayoutError
-from raw2drive_ros.contracts.public import Float64
 from raw2drive_ros.simulation.junction_builder import (
     Across,
     JunctionBuilder,
@@ -16,7 +15,7 @@ from raw2drive_ros.simulation.junction_builder import (
     outlet_of,
     zebra_stripes,
 )
-from raw2drive_ros.simulation.lane_layer import LaneLayer, has_side_lane
+from raw2drive_ros.simulation.lane_layer import LaneLayer
 from raw2drive_ros.simulation.lanes import ArcLane
 from raw2drive_ros.simulation.layout import (
     ARM_LENGTH_M,
@@ -26,6 +25,7 @@ from raw2drive_ros.simulation.layout import (
     RoadLayout,
     Straight,
 )
+from raw2drive_ros.simulation.road_clearance import Clearance, Taken, outside, within
 from raw2drive_ros.simulation.roads import Pose, RoadMap, advance
 from raw2drive_ros.simulation.side_lanes import add_exit, add_ramp
 from raw2drive_ros.simulation.surface_painter import paint_surface
@@ -47,10 +47,8 @@ class RoadBuilder(LaneLayer):
     def __init__(self, layout: RoadLayout) -> None:
         super().__init__(layout)
         self.distance_m = 0.0
-        # (piece, points) of the middles of all roads so far, to keep others clear of them.
-        self.taken: list[tuple[int, Float64]] = []
-        # Piece -> (middle, half its size) of junctions.
-        self.sites: dict[int, tuple[Pose, float]] = {}
+        self.clearance = Clearance(layout)
+        self.chain_m = 0.0
         self.arm_lengths: dict[tuple[int, str], float] = {}
 
     def build(self) -> RoadMap:
@@ -82,84 +80,70 @@ class RoadBuilder(LaneLayer):
     def _poses(self) -> list[Pose]:
         """Where each piece begins, and where the last one ends; their middles are taken."""
         poses: list[Pose] = [(0.0, 0.0, 0.0)]
+        station = 0.0
         for index, piece in enumerate(self.layout.pieces):
             pose = poses[-1]
             if isinstance(piece, Junction):
-                outlet = outlet_of(piece, self.layout, pose)
+                half = half_size_m(piece, self.layout)
                 centre, _ = inlets_of(piece, self.layout, pose)
-                points = np.array([pose[:2], centre[:2], outlet[:2]])
-                self.sites[index] = centre, half_size_m(piece, self.layout)
-                poses.append(outlet)
+                poses.append(outlet_of(piece, self.layout, pose))
+                points, length = np.array([pose[:2], centre[:2], poses[-1][:2]]), 2.0 * half
+                self.clearance.add_site(index, centre[:2], half)
             else:
                 lane = ArcLane(pose[:2], pose[2], *_shape(piece), 1.0, 1.0)
-                points = lane.centre_line(COARSE_M)
+                points, length = lane.centre_line(COARSE_M), lane.length
                 poses.append(lane.pose(lane.length))
-            if not self._is_clear(index, points):
+            stations = np.linspace(station, station + length, len(points))
+            if not self.clearance.take(Taken(points, stations)):
                 raise LayoutError(f'piece {index} overlaps another one')
-            self.taken.append((index, points))
+            station += length
+        self.chain_m = station
         return poses
 
     def _lengths(self, poses: list[Pose]) -> tuple[float, float]:
         """Lengths of the road before and beyond the chain; sets those of all arms."""
-        count = len(self.layout.pieces)
-        before = self._longest(-1, advance(poses[0], 0.0, 0.0, math.pi), LEAD_M, 0)
-        beyond = self._longest(count, poses[-1], LEAD_M, count - 1)
+        before = self._longest(advance(poses[0], 0.0, 0.0, math.pi), LEAD_M, (0.0, -1.0))
+        beyond = self._longest(poses[-1], LEAD_M, (self.chain_m, 1.0))
         for index, piece in enumerate(self.layout.pieces):
             if isinstance(piece, Junction):
                 _, inlets = inlets_of(piece, self.layout, poses[index])
                 for arm in piece.arms:
                     if arm != piece.turn:
                         out = advance(inlets[arm], 0.0, 0.0, math.pi)
-                        self.arm_lengths[index, arm] = self._longest(index, out, ARM_LENGTH_M, index)
+                        self.arm_lengths[index, arm] = self._longest(out, ARM_LENGTH_M, junction=index)
         return before, beyond
 
-    def _longest(self, number: int, pose: Pose, length: float, beside: int) -> float:
-        """The longest road from `pose` on, up to `length`, that is clear of all others; it is taken. beside: the piece
-        that it begins at."""
+    def _longest(
+        self, pose: Pose, length: float, chain: tuple[float, float] | None = None, junction: int | None = None
+    ) -> float:
+        """The longest road from `pose` on, up to `length`, that is clear of all others; it is taken. chain: (station
+        at which it begins, direction) of a road that continues the chain. junction: piece whose arm it is."""
         while length >= SHORTEST_M:
-            points = np.array([advance(pose, s)[:2] for s in np.arange(0.0, length + 1.0, COARSE_M)])
-            if self._is_clear(beside, points):
-                self.taken.append((number, points))
+            along = np.arange(0.0, length + 1.0, COARSE_M)
+            points = np.array([advance(pose, s)[:2] for s in along.tolist()])
+            stations = None if chain is None else chain[0] + chain[1] * along
+            if self.clearance.take(Taken(points, stations, junction)):
                 return length
             length -= STEP_M
-        raise LayoutError(f'no room for a road at piece {beside}')
-
-    def _is_clear(self, piece: int, points: Float64) -> bool:
-        """Whether a road is far enough from all roads but those of the neighbouring pieces. Roads that meet at a
-        junction may be closer near it."""
-        lanes = max(self.layout.forward_lanes, self.layout.backward_lanes)
-        clearance = 2.0 * lanes * self.width + 6.0
-        for other, others in self.taken:
-            apart = abs(piece - other)
-            site = next((self.sites[i] for i in sorted((piece, other, (piece + other) // 2)) if i in self.sites), None)
-            if not apart or (apart == 1 and site is None):
-                continue
-            own, theirs = points, others
-            if apart <= 2 and site is not None:
-                own, theirs = (_outside(part, site[0], site[1] + clearance) for part in (own, theirs))
-            gap = own[:, None] - theirs[None]
-            if gap.size and np.min(np.einsum('abk,abk->ab', gap, gap)) < clearance**2:
-                return False
-        return True
+        raise LayoutError('no room for a road at ' + ('the chain' if junction is None else f'piece {junction}'))
 
     def _check_side_lanes(self) -> None:
         """Raise LayoutError where a ramp or an exit meets another road, away from where it joins the chain."""
         road = self.road
-        beside = next((i for i, piece in enumerate(self.layout.pieces) if has_side_lane(piece)), -1)
-        clearance = (max(self.layout.forward_lanes, self.layout.backward_lanes) + 1.0) * self.width + 3.0
+        least_m = (max(self.layout.forward_lanes, self.layout.backward_lanes) + 1.0) * self.width + 3.0
         if any(isinstance(piece, Straight) and piece.drop for piece in self.layout.pieces):
             # A lane that ends runs beside the chain's lanes all the way.
-            clearance = (self.layout.forward_lanes + 0.5) * self.width - 0.4
-        for edges, end in ((road.ramp, -1), (road.exit, 0)):
+            least_m = (self.layout.forward_lanes + 0.5) * self.width - 0.4
+        # Without the lane that runs along the chain.
+        for edges, join_s_m in ((road.ramp[:-1], math.inf), (road.exit[1:], 0.0)):
             if not edges:
                 continue
-            join = road.lane(edges[end], 0).pose(0.0 if edges is road.ramp else road.lane(edges[0], 0).length)
+            nearest = road.lane(edges[-1 if join_s_m else 0], 0)
+            join = nearest.pose(min(join_s_m, nearest.length))
             points = np.concatenate([road.lane(edge, 0).centre_line(COARSE_M) for edge in edges])
-            points = _outside(points, join, JOINED_M)
-            for other, others in self.taken:
-                gap = points[:, None] - others[None]
-                if other != beside and np.min(np.einsum('abk,abk->ab', gap, gap)) < clearance**2:
-                    raise LayoutError(f'the ramp of piece {beside} meets piece {other}')
+            points = outside(points, np.array(join[:2]), JOINED_M)
+            if any(within(points, other.points_m, least_m).any() for other in self.clearance.roads):
+                raise LayoutError('a ramp or an exit meets another road')
 
     def _lead(self, name: str, pose: Pose, length: float) -> None:
         """The road before the first piece or beyond the last one."""
@@ -209,11 +193,6 @@ def piece_stations_m(layout: RoadLayout, lane: int = 0) -> tuple[float, ...]:
             pose = ArcLane(pose[:2], pose[2], whole, curvature, 1.0, 1.0).pose(whole)
         found.append(found[-1] + length)
     return tuple(found)
-
-
-def _outside(points: Float64, middle: Pose, radius: float) -> Float64:
-    """The points that are farther than `radius` from `middle`."""
-    return points[np.hypot(points[:, 0] - middle[0], points[:, 1] - middle[1]) > radius]
 
 
 def _shape(piece: Piece) -> tuple[float, float]:
