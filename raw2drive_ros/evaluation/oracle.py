@@ -24,7 +24,6 @@ from raw2drive_ros.evaluation.following import (
 )
 from raw2drive_ros.simulation.actors import StandingObject, Walker, boxes_overlap, corners_m
 from raw2drive_ros.simulation.criteria import LANE_TOLERANCE_M, route_deviation_m
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ, SUBSTEPS
 
@@ -37,8 +36,8 @@ PASS_LIMIT_S = 18.0
 SPEED_SHARES = (0.95, 0.65, 0.4, 0.2, 0.0)
 OFFSETS_M = (0.0, -0.7, 0.7)
 IN_LANE_AFTER_M = 10.0
-# Beyond this distance from the route the ego counts as outside its lane.
-EDGE_M = LANE_WIDTH_M / 2 + LANE_TOLERANCE_M - 0.1
+# The ego counts as outside its lane from so little before the edge of where it may drive.
+EDGE_SLACK_M = 0.1
 OFF_ROAD_PENALTY = 3.0
 
 
@@ -120,6 +119,7 @@ def roll_out(world: World, plan: Plan, until_s_m: float | None = None, stride: i
     """
     fork = world.fork(stride)
     start_s_m = fork.route_s_m
+    edge_m = world.scene.layout.lane_width_m / 2 + LANE_TOLERANCE_M - EDGE_SLACK_M
     penalty = 0.0
     horizon_s = HORIZON_S if until_s_m is None else PASS_LIMIT_S
     for tick in range(round(horizon_s * DECISION_HZ)):
@@ -135,7 +135,7 @@ def roll_out(world: World, plan: Plan, until_s_m: float | None = None, stride: i
         if _forces_hard_braking(fork):
             penalty += 1.5
         aside = abs(fork.route_lateral_m - fork.detour_offset_m(fork.route_s_m) - plan.offset_m)
-        penalty += 0.4 * max(0.0, aside - 1.2) + (OFF_ROAD_PENALTY if route_deviation_m(fork) > EDGE_M else 0.0)
+        penalty += 0.4 * max(0.0, aside - 1.2) + (OFF_ROAD_PENALTY if route_deviation_m(fork) > edge_m else 0.0)
         if fork.goal_s_m - fork.route_s_m < 9.0:
             return 500.0 - 2.0 * tick - penalty, penalty == 0.0
     clean = penalty == 0.0 and until_s_m is None

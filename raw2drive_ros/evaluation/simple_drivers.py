@@ -9,7 +9,6 @@ from highway_env.vehicle.behavior import IDMVehicle
 from raw2drive_ros.contracts.public import Control
 from raw2drive_ros.evaluation.following import leader, pedals, pursuit_steer, route_window
 from raw2drive_ros.simulation.actors import PathVehicle
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M
 from raw2drive_ros.simulation.world import World
 from raw2drive_ros.tables.rates import DECISION_HZ
 
@@ -48,7 +47,8 @@ class IdmMobilDriver:
         """Offset (m) of the target lane by MOBIL's incentive and safety criteria (politeness 0, as in highway-env)."""
         here = idm(world, self.target_m)
         best, best_gain = self.target_m, IDMVehicle.LANE_CHANGE_MIN_ACC_GAIN
-        for target in (self.target_m - LANE_WIDTH_M, self.target_m + LANE_WIDTH_M):
+        width = world.scene.layout.lane_width_m
+        for target in (self.target_m - width, self.target_m + width):
             if not _is_lane(world, target) or not _follower_can_brake(world, target):
                 continue
             # A bonus for lanes closer to the route's own.
@@ -81,7 +81,7 @@ def _is_lane(world: World, offset_m: float) -> bool:
         return False
     x, y, _ = world.route.pose(world.route_s_m, offset_m)
     lateral = world.road.forward_path_cached().project(x, y)[1]
-    return -(layout.forward_lanes - 0.5) * LANE_WIDTH_M < lateral < 0.5 * LANE_WIDTH_M
+    return -(layout.forward_lanes - 0.5) * layout.lane_width_m < lateral < 0.5 * layout.lane_width_m
 
 
 def _follower_can_brake(world: World, offset_m: float) -> bool:
@@ -91,7 +91,7 @@ def _follower_can_brake(world: World, offset_m: float) -> bool:
     for actor in world.actors:
         s, lateral = world.route.project(*map(float, actor.position), world.route_s_m, BEHIND_M)
         ahead = s - world.route_s_m
-        if abs(lateral - offset_m) > LANE_WIDTH_M / 2 or not -BEHIND_M < ahead < world.ego.LENGTH:
+        if abs(lateral - offset_m) > world.scene.layout.lane_width_m / 2 or not -BEHIND_M < ahead < world.ego.LENGTH:
             continue
         if ahead > -world.ego.LENGTH:
             return False

@@ -77,7 +77,7 @@ def _parking(draw: Draw, form: str, *, oneway: bool) -> str:
 
 def _pieces(draw: Draw, form: str, length: float, part: float, count: int) -> tuple[Piece, ...]:
     if form == 'bends':
-        return (*_way(draw, 'way', length * part), *_way(draw, 'way_on', length * (1.0 - part)))
+        return (*_way(draw, 'way', length * part, shapes=SHAPES[1:]), *_way(draw, 'way_on', length * (1.0 - part)))
     if form == 'lane ends':
         before, ending, after = DROP_M
         return (
@@ -95,9 +95,16 @@ def _pieces(draw: Draw, form: str, length: float, part: float, count: int) -> tu
     return (*approach, first, between, second, *out)
 
 
-def _way(draw: Draw, name: str, length: float, begin_m: float = SHORTEST_M, end_m: float = SHORTEST_M) -> list[Piece]:
+def _way(
+    draw: Draw,
+    name: str,
+    length: float,
+    begin_m: float = SHORTEST_M,
+    end_m: float = SHORTEST_M,
+    shapes: Sequence[str] = SHAPES,
+) -> list[Piece]:
     """Straights and curves of about `length`, straight for `begin_m` and `end_m` at its ends."""
-    shape = draw.choice(f'{name}_shape', SHAPES, key=name == 'way')
+    shape = draw.choice(f'{name}_shape', shapes, key=name == 'way')
     side = draw.side(f'{name}_side')
     angles = [draw.uniform(f'{name}_rad_{i}', 0.15, 0.75) for i in range(2)]
     radii = [draw.uniform(f'{name}_radius_{i}_m', *RADIUS_M) for i in range(2)]
