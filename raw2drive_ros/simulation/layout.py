@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 LANE_WIDTH_M = 3.5
 # Longest arm of a junction, and road before and beyond the chain: cars come and go out of sight.
-ARM_LENGTH_M, LEAD_M = 110.0, 100.0
+ARM_M, LEAD_M = 110.0, 100.0
+# Arc length 0 of `RoadMap.crossing_path` is so far before the junction, on the arms beside the chain.
+ARM_LENGTH_M = 60.0
 CORNER_RADIUS_M = 7.0
 MAX_SKEW_RAD = 0.65
 DROP_BEFORE_M = 150.0

@@ -18,7 +18,7 @@ from raw2drive_ros.simulation.junction_builder import (
 from raw2drive_ros.simulation.lane_layer import LaneLayer
 from raw2drive_ros.simulation.lanes import ArcLane
 from raw2drive_ros.simulation.layout import (
-    ARM_LENGTH_M,
+    ARM_M,
     LEAD_M,
     Junction,
     Piece,
@@ -110,7 +110,7 @@ class RoadBuilder(LaneLayer):
                 for arm in piece.arms:
                     if arm != piece.turn:
                         out = advance(inlets[arm], 0.0, 0.0, math.pi)
-                        self.arm_lengths[index, arm] = self._longest(out, ARM_LENGTH_M, junction=index)
+                        self.arm_lengths[index, arm] = self._longest(out, ARM_M, junction=index)
         return before, beyond
 
     def _longest(

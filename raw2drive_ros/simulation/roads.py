@@ -177,12 +177,12 @@ class RoadMap:
             edges += self.forward[piece + 1 : piece + 2]
         else:
             edges.append((f'j{piece}{target}out', f'j{piece}{target}far_out'))
-        # Paths of version 2 begin 60 m before a junction.
         found = self.path(edges, lane)
         if source not in ('back', self.junctions[junction].spec.turn):
-            found.start_s_m -= ARM_LENGTH_M - 60.0
-            found.length_m -= ARM_LENGTH_M - 60.0
-            found.end_s_m = found.length_m
+            before_m = self.lane(edges[0], lane).length - ARM_LENGTH_M
+            found.start_s_m -= before_m
+            found.length_m -= before_m
+            found.end_s_m -= before_m
         return found
 
     def node_into(self, piece: int, arm: str) -> str:

@@ -197,5 +197,9 @@ def test_a_coarse_fork_stays_near_the_fine_one() -> None:
     assert coarse.time_s == fine.time_s
     assert abs(coarse.ego.speed - fine.ego.speed) < 0.1
     assert float(np.abs(coarse.ego.position - fine.ego.position).max()) < 0.5
-    assert float(np.abs(coarse.positions - fine.positions).max()) < 1.0
+    # Traffic that is due between two steps of the coarse fork enters one step later there.
+    places = [{actor.number: actor.position for actor in fork.actors} for fork in (fine, coarse)]
+    both = places[0].keys() & places[1].keys()
+    assert len(both) >= max(map(len, places)) - 1
+    assert max(float(np.abs(places[0][number] - places[1][number]).max()) for number in both) < 1.0
     assert env.world.time_s == 0.0

@@ -1,4 +1,4 @@
-"""Dense traffic on junctions with turn lanes, at angles and on roundabouts: nobody touches anybody, everybody goes on."""
+"""Dense traffic on junctions with turn lanes, at angles and on roundabouts: nobody touches anybody, all go on."""
 
 import pytest
 from traffic_worlds import CYCLE, Watch, brake, stand_aside, world_of
