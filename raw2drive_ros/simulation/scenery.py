@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from raw2drive_ros.contracts.public import Float64
-from raw2drive_ros.simulation.actors import boxes_overlap, corners_m
+from raw2drive_ros.simulation.boxes import boxes_overlap, corners_m
 from raw2drive_ros.simulation.draws import EVALUATION, TRAINING, VALIDATION, Draw
 from raw2drive_ros.simulation.lanes import ArcLane
 from raw2drive_ros.simulation.road_surface import OFF, SIDEWALK, RoadSurface
