@@ -21,7 +21,7 @@ LONGER_S, LONGER_M, WIDER_M, WIDER_SOFT_M, TOUCH_M = 0.6, 0.4, 0.25, 0.6, 0.12
 ACROSS_SIN = 0.3
 # To pass closely in front of or behind somebody who crosses is worse than to pass closely beside somebody.
 CROSSING_FACTOR = 3.0
-IMPOSED_FREE_MPS2 = 2.0
+IMPOSED_FREE_MPS2, IMPOSED_MOST_MPS2 = 2.0, 2.8
 HARSH_MPS2 = 2.6
 # A feared hypothesis counts when stopping for it takes more than this.
 FEARED_MPS2 = 3.2
@@ -66,7 +66,9 @@ def judge(
         worst_hit = (hit * late).max(axis=2)
         worst_near = (near * late).max(axis=2)
         cost = COLLISION * worst_hit * counted + CLOSE * worst_near * counted
-        cost += IMPOSED * np.maximum(driven.imposed - IMPOSED_FREE_MPS2, 0.0) * np.minimum(counted * 2.0, 1.0)
+        imposed = np.maximum(driven.imposed - IMPOSED_FREE_MPS2, 0.0)
+        imposed += 2.0 * np.maximum(driven.imposed - IMPOSED_MOST_MPS2, 0.0)
+        cost += IMPOSED * imposed * np.minimum(counted * 2.0, 1.0)
     step_s = float(view.times_s[1])
     harsh = HARSH * (np.maximum(-driven.acceleration - HARSH_MPS2, 0.0) ** 2).sum(axis=1) * step_s
     sideways = _sideways(situation, found, chosen, driven)

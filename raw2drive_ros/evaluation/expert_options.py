@@ -35,7 +35,7 @@ NEAR_SIDE_M = 1.3
 # Metres of progress per lane between the route and another lane, this far ahead.
 LANE_COST, AWAY_AT_M = 4.0, 60.0
 # The nearer the end of a lane, the more it costs to stay in it.
-END_COST, END_WITHIN_M = 14.0, 130.0
+END_COST, END_WITHIN_M = 20.0, 130.0
 # Beyond the middle of the lane's own room; and nobody faster than this is passed through the oncoming lane.
 BESIDE_LANE_M, SLOWEST_MPS = 0.3, 2.6
 IN_THE_WAY_COST, CUTS_IN_COST, BLOCKED_COST, LEAST_CLEAR_M = 30.0, 20.0, 12.0, 0.3

@@ -33,7 +33,7 @@ ALIGNED_COS = 0.7
 SLOW_MPS = 0.5
 FOLLOWER_BRAKES_MPS2, BEHIND_SEEN_M = 4.0, 50.0
 # Merging: speeds relative to the stream beside the ego, and how far ahead and behind it is looked at.
-STREAM_PARTS, STREAM_M = (0.8, 0.95, 1.1), 45.0
+STREAM_PARTS, STREAM_M, RUNWAY_M = (0.8, 0.95, 1.1), 45.0, 100.0
 FREE, LEADER, STOP, CAP = 0, 1, 2, 3
 
 Ints = NDArray[np.int64]
@@ -81,6 +81,9 @@ def plans(situation: Situation, found: list[Option]) -> list[Plan]:
         shares = SHARES if index == 0 else OTHER_SHARES
         if stream and (index == 0 or option.family in ('keep', 'left', 'right')):
             shares = (*shares, *stream)
+        if stream and option.why == 'end of the lane' and option.stop_m - situation.front_m < RUNWAY_M:
+            # It must merge before the lane ends: whoever lets the stream overtake keeps room for a gap to come.
+            shares = (0.6 * stream[0], 0.85 * stream[0])
         for share in shares:
             chosen.append(Plan(index, share, stop, why=reason))
         if index > 4 and not option.oncoming:
