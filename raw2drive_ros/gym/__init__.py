@@ -11,4 +11,8 @@ ENV_ID = 'Raw2Drive-v3'
 
 if ENV_ID not in registry:
     # As texts, so that this import, which others may do for them, loads nothing of the simulator.
-    register(ENV_ID, entry_point='raw2drive_ros.gym.env:Raw2DriveEnv')
+    register(
+        ENV_ID,
+        entry_point='raw2drive_ros.gym.env:Raw2DriveEnv',
+        vector_entry_point='raw2drive_ros.gym.vector_env:Raw2DriveVectorEnv',
+    )

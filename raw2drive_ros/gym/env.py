@@ -19,7 +19,7 @@ from raw2drive_ros.evaluation.episode import result_of
 from raw2drive_ros.gym.observations import Observation, observer_of
 from raw2drive_ros.gym.picture import picture_of
 from raw2drive_ros.gym.route_source import Start, route_source
-from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Tick
+from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig, Stepped, Tick
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.tables.rates import DECISION_HZ
 
@@ -33,11 +33,11 @@ class Raw2DriveEnv(gymnasium.Env[Observation, Any]):
     suite: draw the routes from this one (name, or path of a .json file), with its time limits; None: endless training
     routes of the types `routes` (scenario types, abilities or all, as on the command line), of which the share `twins`
     are twins, drives in which nothing happens. weather: always this one; None: any, or the suite's own.
-    observation: 'cameras', 'bev' or 'vector', see `gym.observations`. action: 'discrete', an index into the table of
-    39 actions, or 'continuous', (2,) in [-1, 1]: pedal, positive is throttle and negative brake, and steering, positive
-    to the LEFT. image_size: (height, width) of the cameras. end_on_infraction: the episode ends with the first
-    collision, red light or stop sign that was run; otherwise as in an evaluation. render_mode: 'rgb_array' or None; a
-    step then makes cameras and masks, whatever is observed.
+    observation: 'cameras', 'bev', 'bev_visible' or 'vector', see `gym.observations`. action: 'discrete', an index into
+    the table of 39 actions, or 'continuous', (2,) in [-1, 1]: pedal, positive is throttle and negative brake, and
+    steering, positive to the LEFT. image_size: (height, width) of the cameras. end_on_infraction: the episode ends with
+    the first collision, red light or stop sign that was run; otherwise as in an evaluation. render_mode: 'rgb_array' or
+    None; a step then makes cameras and masks, whatever is observed.
 
     `reset(options={'route': 'Accident/100000'})` drives a certain route, `TYPE[-twin]/SEED[/WEATHER[/REPETITION]]`.
     Every info holds route, infractions of this step, cause of the end and reward_terms; the last one of an episode also
@@ -76,6 +76,7 @@ class Raw2DriveEnv(gymnasium.Env[Observation, Any]):
                 image_size,
                 cameras=probe.cameras or shown,
                 bev=probe.bev or shown,
+                visibility=probe.visibility,
                 end_on_infraction=end_on_infraction,
             )
         )
@@ -85,12 +86,15 @@ class Raw2DriveEnv(gymnasium.Env[Observation, Any]):
         self.action_space = Discrete(ACTION_COUNT) if self.discrete else Box(-1.0, 1.0, (2,), np.float32)
         self.render_mode = render_mode
         self.tick: Tick | None = None
+        # Of a world that was stepped together with others; the next `step` returns it.
+        self.stepped: Stepped | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start the next route, or `options['route']`. Raises RouteIdError, UnknownScenarioError."""
         super().reset(seed=seed)
+        self.stepped = None
         start = self._start(options or {})
         self.tick, _ = self.driving.reset_to(start.route, start.limit_s)
         self.observer.reset()
@@ -105,9 +109,10 @@ class Raw2DriveEnv(gymnasium.Env[Observation, Any]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One decision of 0.1 s. Raises gymnasium.error.ResetNeeded after the end of an episode."""
-        if self.tick is None or self.driving.done:
+        if self.tick is None or (self.driving.done and self.stepped is None):
             raise gymnasium.error.ResetNeeded('the episode is over, or none has begun: call reset')
-        self.tick, reward, terminated, truncated, _ = self.driving.step(self.control_of(action))
+        stepped, self.stepped = self.stepped, None
+        self.tick, reward, terminated, truncated, _ = stepped or self.driving.step(self.control_of(action))
         observation = self.observer.see(self.driving, self.tick)
         return observation, reward, terminated, truncated, self._info(self.tick)
 

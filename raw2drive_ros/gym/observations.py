@@ -1,6 +1,7 @@
 """What an agent observes, as arrays in the spaces of gymnasium.
 
 cameras: what a driver in a car may have. bev, vector: the simulator's own knowledge, for training and comparison.
+bev_visible: of that only what the cameras have shown lately.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from raw2drive_ros.simulation.bev import CLASS_OF
 from raw2drive_ros.simulation.environment import DrivingEnv, Tick
 from raw2drive_ros.simulation.privileged_view import ego_vector
 from raw2drive_ros.simulation.world import World
-from raw2drive_ros.tables.vector_layout import EGO_FIELDS, VECTOR_FIELDS
+from raw2drive_ros.tables.vector_layout import EGO_FIELDS, SIGNAL_FIELDS, SIGNAL_RANGE_M, VECTOR_FIELDS
 
 Observation = Any
 FloatArray = NDArray[np.float32]
@@ -33,6 +34,9 @@ ACTORS, RANGE_M = 12, 60.0
 SIGNALS = ('light_green', 'light_yellow', 'light_red', 'light_distance', 'stop_sign', 'stop_sign_distance', 'limit')
 ACTOR_FIELDS = ('present', 'x', 'y', 'cos', 'sin', 'vx', 'vy', 'length', 'width', 'person', 'cyclist', 'standing')
 SPEED_MPS, LENGTH_M, WIDTH_M = 30.0, 15.0, 4.0
+SIGNAL_SCALES = np.array(
+    [SIGNAL_RANGE_M if n.endswith('distance_m') else SPEED_MPS if n.endswith('mps') else 1.0 for n in SIGNAL_FIELDS]
+)
 # Fields of the observation `vector`, in order; every value is divided by the field's scale and within [-1, 1].
 VECTOR_NAMES = (
     *EGO_FIELDS,
@@ -45,10 +49,11 @@ LARGEST = 1e3
 
 
 class Observer(Protocol):
-    """Makes the observations of one environment. cameras, bev: what the simulator has to make for it."""
+    """Makes the observations of one environment. cameras, bev, visibility: what the simulator has to make for it."""
 
     cameras: bool
     bev: bool
+    visibility: bool
     space: Space[Any]
 
     def reset(self) -> None:
@@ -62,7 +67,7 @@ class CameraObserver:
     """cameras: (6, H, W, 3) uint8 RGB in the order of the rig. vector: (10,) float32, the planner's own input: motion,
     then the next checkpoints in `base_link` / 25 m, see `VECTOR_FIELDS`."""
 
-    cameras, bev = True, False
+    cameras, bev, visibility = True, False, False
 
     def __init__(self, image_size: tuple[int, int], rig: tuple[CameraCalibration, ...]) -> None:
         self.names = [camera.name for camera in rig]
@@ -84,12 +89,17 @@ class CameraObserver:
 
 class BevObserver:
     """bev: (43, 128, 128) uint8 of 0 and 1, see `tables.bev_channels`. vector: the beginning of the observation
-    `vector`: the ego's state and the signals ahead."""
+    `vector`, the ego's state and the signals ahead.
+
+    seen: the masks hold of all that moves, lights and signs only what the cameras have shown within the last 2 s, and
+    vector is the ego's state and `SIGNAL_FIELDS`, distances / 100 m and speeds / 30 m/s.
+    """
 
     cameras, bev = False, True
 
-    def __init__(self) -> None:
-        self.size = len(EGO_FIELDS) + len(SIGNALS)
+    def __init__(self, *, seen: bool) -> None:
+        self.visibility = seen
+        self.size = len(EGO_FIELDS) + (len(SIGNAL_FIELDS) if seen else len(SIGNALS))
         self.space = Dict(
             bev=Box(0, 1, BEV_SHAPE, np.uint8),
             vector=Box(-1.0, 1.0, (self.size,), np.float32),
@@ -100,15 +110,19 @@ class BevObserver:
 
     def see(self, env: DrivingEnv, tick: Tick) -> Observation:
         assert env.world is not None and tick.privileged is not None
-        vector = np.concatenate([_ego(env.world), _signals(env.world)])
-        return {'bev': tick.privileged.bev.astype(np.uint8), 'vector': _bounded(vector)}
+        masks, signals = tick.privileged.bev, _signals(env.world)
+        if self.visibility:
+            assert tick.privileged.bev_visible is not None and tick.privileged.signals is not None
+            masks, signals = tick.privileged.bev_visible, tick.privileged.signals / SIGNAL_SCALES
+        vector = np.concatenate([_ego(env.world), signals])
+        return {'bev': masks.astype(np.uint8), 'vector': _bounded(vector)}
 
 
 class VectorObserver:
     """(174,) float32 in [-1, 1], in the order of `VECTOR_NAMES`: ego, signals, route ahead, nearest actors, the last
     two in `base_link`. Complete: it holds also what no camera shows."""
 
-    cameras = bev = False
+    cameras = bev = visibility = False
 
     def __init__(self) -> None:
         self.space = Box(-1.0, 1.0, (len(VECTOR_NAMES),), np.float32)
@@ -122,15 +136,15 @@ class VectorObserver:
         return _bounded(np.concatenate([_ego(world), _signals(world), _route(world), _actors(world)]))
 
 
-OBSERVATIONS = ('cameras', 'bev', 'vector')
+OBSERVATIONS = ('cameras', 'bev', 'bev_visible', 'vector')
 
 
 def observer_of(name: str, image_size: tuple[int, int], rig: tuple[CameraCalibration, ...]) -> Observer:
     """Raises gymnasium.error.Error for an unknown name."""
     if name == 'cameras':
         return CameraObserver(image_size, rig)
-    if name == 'bev':
-        return BevObserver()
+    if name in ('bev', 'bev_visible'):
+        return BevObserver(seen=name == 'bev_visible')
     if name == 'vector':
         return VectorObserver()
     raise gymnasium.error.Error(f'observation {name!r} is none of {", ".join(OBSERVATIONS)}')

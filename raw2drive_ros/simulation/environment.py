@@ -23,8 +23,8 @@ from raw2drive_ros.simulation.bev import BevRenderer
 from raw2drive_ros.simulation.camera_rig import camera_rig
 from raw2drive_ros.simulation.criteria import Criteria
 from raw2drive_ros.simulation.draws import Draw, Rng, rng_for
-from raw2drive_ros.simulation.id_painter import IdPainter
 from raw2drive_ros.simulation.footprint import Way, ways_of
+from raw2drive_ros.simulation.id_painter import IdPainter
 from raw2drive_ros.simulation.privileged_view import PrivilegedView
 from raw2drive_ros.simulation.protocol import PAIRS
 from raw2drive_ros.simulation.renderer import CameraRenderer
@@ -169,14 +169,14 @@ class DrivingEnv(AbstractEnv):
         """One decision: two physics steps, then criteria and reward. Raises RuntimeError once the episode is over."""
         return step_together([self], [action])[0]
 
-    def _moved(self) -> tuple[ImuSample, OdometrySample]:
+    def moved(self) -> tuple[ImuSample, OdometrySample]:
         """What the sensors measure after a physics step."""
         assert self.world is not None
         self.clock_ns += PHYSICS_NS
         self.motion.append((*self.world.ego.acceleration_body, self.world.ego.yaw_rate))
         return self._sample(self.clock_ns)
 
-    def _judged(
+    def judged(
         self, control: Control, samples: Sequence[tuple[ImuSample, OdometrySample]], way: Way, vehicle_m: float
     ) -> Stepped:
         """Criteria, reward and observations of a decision whose physics steps are done."""
@@ -276,6 +276,6 @@ def step_together(envs: Sequence[DrivingEnv], actions: Sequence[Control]) -> lis
     for _ in range(SUBSTEPS):
         step_worlds(worlds, controls)
         for env, measured in zip(envs, samples):
-            measured.append(env._moved())
+            measured.append(env.moved())
     found = zip(envs, controls, samples, ways_of(worlds), vehicles_ahead_m(worlds), strict=True)
-    return [env._judged(control, measured, way, vehicle_m) for env, control, measured, way, vehicle_m in found]
+    return [env.judged(control, measured, way, vehicle_m) for env, control, measured, way, vehicle_m in found]

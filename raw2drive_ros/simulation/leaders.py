@@ -38,6 +38,8 @@ HEAD_ON_COS = -0.7
 # Vehicles brake for where a walker will be within this time.
 WALK_AHEAD_S = 2.0
 NOBODY = (math.inf, 0.0, -1)
+# Where there is no actor.
+FAR_M = 1e12
 
 Ints = NDArray[Any]
 
@@ -69,15 +71,11 @@ class PathBank:
 
 
 class _Part(NamedTuple):
-    """What the search needs of one world. rows: of the followers. one, other: pairs, see `_pairs`."""
+    """Who looks for leaders in one world. rows: of the followers in the world's arrays."""
 
     world: World
     followers: Sequence[PathVehicle]
-    rows: Ints
-    one: Ints
-    other: Ints
-    samples: Float64
-    residue: Float64
+    rows: list[int]
 
 
 def find_leaders(world: World, vehicles: Sequence[PathVehicle]) -> None:
@@ -97,32 +95,25 @@ def find_leaders_in(groups: Sequence[tuple[World, Sequence[PathVehicle]]]) -> No
         for vehicle in followers:
             vehicle.gap_m, vehicle.closing_mps, vehicle.leader_row = NOBODY
             vehicle.others_gap_m, vehicle.others_closing_mps = math.inf, 0.0
-        if not followers:
-            continue
-        rows = np.array([world.index_of(vehicle) for vehicle in followers])
-        one, other = _pairs(world, rows)
-        if len(one):
-            parts.append(_Part(world, followers, rows, one, other, *_samples(world, followers, rows)))
+        if followers:
+            parts.append(_Part(world, followers, [world.index_of(vehicle) for vehicle in followers]))
     if parts:
         _Search(parts).run()
-
-
-def _pairs(world: World, rows: Ints) -> tuple[Ints, Ints]:
-    """(K,) indices into `rows`, and (K,) rows of the actors that may be on the way of each."""
-    x, y = world.positions[:, 0], world.positions[:, 1]
-    dx, dy = x[None] - x[rows, None], y[None] - y[rows, None]
-    yaw = world.headings[rows]
-    ahead = dx * np.cos(yaw)[:, None] + dy * np.sin(yaw)[:, None]
-    reach = LOOK_AHEAD_M + 2.0 * BEHIND_M
-    near = (dx * dx + dy * dy < reach * reach) & (ahead > -BEHIND_M)
-    near[np.arange(len(rows)), rows] = False
-    one, other = np.nonzero(near)
-    return one, other
 
 
 def _joined(arrays: Sequence[Any]) -> Any:
     """Arrays of several worlds one after another; that of a single one as it is."""
     return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+def _padded(arrays: Sequence[Any], fill: float) -> Any:
+    """(W, N, ...) of W arrays, the shorter ones filled up to the longest."""
+    if len(arrays) == 1:
+        return arrays[0][None]
+    padded = np.full((len(arrays), max(map(len, arrays)), *arrays[0].shape[1:]), fill, arrays[0].dtype)
+    for row, array in zip(padded, arrays):
+        row[: len(array)] = array
+    return padded
 
 
 class _Search:
@@ -133,10 +124,8 @@ class _Search:
         worlds = [part.world for part in parts]
         self.first_row = np.cumsum([0, *(len(world.positions) for world in worlds)])
         self.first_follower = np.cumsum([0, *(len(part.rows) for part in parts)])
-        self.rows = _joined([part.rows + begin for part, begin in zip(parts, self.first_row)])
-        self.one = _joined([part.one + begin for part, begin in zip(parts, self.first_follower)])
-        self.other = _joined([part.other + begin for part, begin in zip(parts, self.first_row)])
-        self.samples, self.residue = (_joined([part[i] for part in parts]) for i in (5, 6))
+        own_rows = [np.array(part.rows) for part in parts]
+        self.rows = _joined([rows + begin for rows, begin in zip(own_rows, self.first_row)])
         self.positions, self.headings, self.speeds, self.half_widths, self.half_lengths, self.walks = (
             _joined([getattr(world, name) for world in worlds])
             for name in ('positions', 'headings', 'speeds', 'half_widths', 'half_lengths', 'walks')
@@ -144,11 +133,32 @@ class _Search:
         # The ego of each world is its last row.
         self.margins = np.full(len(self.positions), MARGIN_M)
         self.margins[self.first_row[1:] - 1] = [MARGIN_M * (world.ego.speed <= STANDING_MPS) for world in worlds]
+        self.one, self.other = self._pairs(own_rows)
+
+    def _pairs(self, own_rows: list[Ints]) -> tuple[Ints, Ints]:
+        """(K,) followers, and (K,) rows of the actors that may be on the way of each."""
+        positions = _padded([part.world.positions for part in self.parts], FAR_M)
+        rows = _padded(own_rows, 0)
+        world = np.arange(len(rows))[:, None]
+        x, y = positions[..., 0], positions[..., 1]
+        dx, dy = x[:, None] - x[world, rows][..., None], y[:, None] - y[world, rows][..., None]
+        yaw = _padded([part.world.headings for part in self.parts], 0.0)[world, rows]
+        ahead = dx * np.cos(yaw)[..., None] + dy * np.sin(yaw)[..., None]
+        reach = LOOK_AHEAD_M + 2.0 * BEHIND_M
+        near = (dx * dx + dy * dy < reach * reach) & (ahead > -BEHIND_M)
+        near[world, np.arange(rows.shape[1]), rows] = False
+        for found, own in zip(near, own_rows):
+            found[len(own) :] = False
+        of, one, other = np.nonzero(near)
+        return one + self.first_follower[of], other + self.first_row[of]
 
     def run(self) -> None:
         """Find the first hit of each pair, and give it to the follower."""
         one, other = self.one, self.other
-        x, y, cos, sin = (self.samples[one, :, k] for k in range(4))
+        if not len(one):
+            return
+        samples, residue = self._samples()
+        x, y, cos, sin = (samples[one, :, k] for k in range(4))
         yaw = self.headings[other]
         other_cos, other_sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
         # Who walks takes up the way ahead, too.
@@ -176,10 +186,28 @@ class _Search:
         deep = np.where(along > across, over_length[hit], over_width[hit]) / np.maximum(along, across)
         beyond_middle = dx[hit] * cos[hit] + dy[hit] * sin[hit]
         deep += 2.0 * np.maximum(beyond_middle, 0.0)
-        gap = at + HALF_STEP_M - np.where(at > 0.0, np.minimum(deep, STEP_M), deep) - self.residue[one]
+        gap = at + HALF_STEP_M - np.where(at > 0.0, np.minimum(deep, STEP_M), deep) - residue[one]
         facing = cos[hit] * other_cos[found, 0] + sin[hit] * other_sin[found, 0]
         closing = self.speeds[self.rows[one]] - self.speeds[other] * facing
         self._give(one, other, gap, closing, facing)
+
+    def _samples(self) -> tuple[Float64, Float64]:
+        """(V, STEPS, 4) x, y, cos and sin of the heading of each follower's front on its way, `STEP_M` apart, and (V,)
+        how far the front is beyond the first of them already."""
+        everyone = [vehicle for part in self.parts for vehicle in part.followers]
+        ends = np.array([part.world.bank.rows_of(vehicle.path) for part in self.parts for vehicle in part.followers])
+        front = np.array([vehicle.s_m for vehicle in everyone]) + self.half_lengths[self.rows]
+        front -= np.array([vehicle.path.start_s_m for vehicle in everyone])
+        begin = np.maximum(front / SPACING_M, 0.0).astype(int)
+        index = np.minimum((ends[:, 0] + begin)[:, None] + STRIDE * np.arange(STEPS), ends[:, 1, None])
+        splits = np.split(index, self.first_follower[1:-1])
+        samples = _joined([part.world.bank.table[own] for part, own in zip(self.parts, splits)])
+        aside = np.array([vehicle.lateral_m for vehicle in everyone])
+        if aside.any():
+            # A zero leaves a place as it is, bit for bit.
+            samples[:, :, 0] -= aside[:, None] * samples[:, :, 3]
+            samples[:, :, 1] += aside[:, None] * samples[:, :, 2]
+        return samples, front - begin * SPACING_M
 
     def _give(self, one: Ints, other: Ints, gap: Float64, closing: Float64, facing: Float64) -> None:
         ends = np.searchsorted(one, self.first_follower)
@@ -188,22 +216,6 @@ class _Search:
             rows = one[own] - self.first_follower[i], other[own] - self.first_row[i]
             columns = [column.tolist() for column in (*rows, gap[own], closing[own], facing[own])]
             _assign(part.world, part.followers, zip(*columns))
-
-
-def _samples(world: World, followers: Sequence[PathVehicle], rows: Ints) -> tuple[Float64, Float64]:
-    """(V, STEPS, 4) x, y, cos and sin of the heading of each follower's front on its way, `STEP_M` apart, and (V,) how
-    far the front is beyond the first of them already."""
-    ends = np.array([world.bank.rows_of(vehicle.path) for vehicle in followers])
-    front = np.array([vehicle.s_m for vehicle in followers]) + world.half_lengths[rows]
-    front -= np.array([vehicle.path.start_s_m for vehicle in followers])
-    begin = np.maximum(front / SPACING_M, 0.0).astype(int)
-    index = np.minimum((ends[:, 0] + begin)[:, None] + STRIDE * np.arange(STEPS), ends[:, 1, None])
-    samples = world.bank.table[index]
-    aside = np.array([vehicle.lateral_m for vehicle in followers])
-    if aside.any():
-        samples[:, :, 0] -= aside[:, None] * samples[:, :, 3]
-        samples[:, :, 1] += aside[:, None] * samples[:, :, 2]
-    return samples, front - begin * SPACING_M
 
 
 def _assign(world: World, followers: Sequence[PathVehicle], hits: Any) -> None:

@@ -188,8 +188,14 @@ class World:
         """Whether vehicles decide in the coming step."""
         return self.stride >= SUBSTEPS or self.physics_ticks % SUBSTEPS == 0
 
-    def _move(self, vehicles: Sequence[PathVehicle]) -> None:
-        """The rest of a step, once the leaders of those who decide are known."""
+    def begin(self, control: Control) -> list[PathVehicle]:
+        """The first part of a step; returns the vehicles that decide in it, who need their leaders now."""
+        self.ego.command = control
+        self._disturb()
+        return [actor for actor in self.actors if isinstance(actor, PathVehicle)] if self.decides else []
+
+    def finish(self, vehicles: Sequence[PathVehicle]) -> None:
+        """The rest of a step, once the leaders of the vehicles that decide are known."""
         dt, decides = self.stride / PHYSICS_HZ, self.decides
         if decides:
             self.rules.decide(self, vehicles)
@@ -367,15 +373,10 @@ class World:
 
 def step_worlds(worlds: Sequence[World], controls: Sequence[Control]) -> None:
     """Step several worlds at once: the same as one after the other, in less time."""
-    groups = []
-    for world, control in zip(worlds, controls, strict=True):
-        world.ego.command = control
-        world._disturb()
-        vehicles = [actor for actor in world.actors if isinstance(actor, PathVehicle)] if world.decides else []
-        groups.append((world, vehicles))
+    groups = [(world, world.begin(control)) for world, control in zip(worlds, controls, strict=True)]
     find_leaders_in(groups)
     for world, vehicles in groups:
-        world._move(vehicles)
+        world.finish(vehicles)
 
 
 def _draw(scenario: Scenario, draw: Draw) -> tuple[Draw, Scene, RoadMap]:

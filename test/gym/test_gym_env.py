@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 
 import raw2drive_ros.gym
 from raw2drive_ros.contracts.actions import ACTIONS
@@ -18,10 +19,12 @@ from raw2drive_ros.gym.observations import ACTOR_FIELDS, VECTOR_NAMES
 from raw2drive_ros.simulation.draws import TRAIN_SEED_START
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
 from raw2drive_ros.simulation.route_id import RouteId
+from raw2drive_ros.tables.bev_channels import STATIC_CHANNELS
 
 SMALL = {'image_size': (32, 48)}
 ID = raw2drive_ros.gym.ENV_ID
 BRAKE, GO = 0, 14
+AUTORESET = {'next_step': AutoresetMode.NEXT_STEP, 'same_step': AutoresetMode.SAME_STEP}
 
 
 def make(**kwargs):
@@ -35,7 +38,7 @@ def same(one, other) -> bool:
 
 
 @pytest.mark.parametrize('action', ['discrete', 'continuous'])
-@pytest.mark.parametrize('observation', ['cameras', 'bev', 'vector'])
+@pytest.mark.parametrize('observation', ['cameras', 'bev', 'bev_visible', 'vector'])
 def test_gymnasiums_own_checker_finds_nothing(observation, action) -> None:
     env = make(suite='dev10', observation=observation, action=action, **SMALL)
     with warnings.catch_warnings():
@@ -68,7 +71,7 @@ def test_the_same_seed_gives_the_same_episodes(observation) -> None:
     assert {route for _, route, _ in one}.isdisjoint({route for _, route, _ in other})
 
 
-@pytest.mark.parametrize('mode', ['sync', 'async'])
+@pytest.mark.parametrize('mode', ['sync', 'async', 'vector_entry_point'])
 def test_many_at_once(mode) -> None:
     envs = gymnasium.make_vec(ID, 2, vectorization_mode=mode, suite='dev10', observation='vector')
     try:
@@ -84,6 +87,44 @@ def test_many_at_once(mode) -> None:
         alone = make(suite='dev10', observation='vector')
         expected = [alone.reset(seed=3 + i)[0], *(alone.step(action)[0] for _ in range(3))]
         assert np.array_equal([row[i] for row in rows], expected)
+
+
+@pytest.mark.parametrize('autoreset', ['next_step', 'same_step'])
+def test_worlds_that_step_together_return_what_each_would_alone(autoreset) -> None:
+    """Bit for bit, over the ends of episodes."""
+    arguments = {'observation': 'vector', 'routes': 'all'}
+    alone = gymnasium.make_vec(
+        ID, 3, vectorization_mode='sync', vector_kwargs={'autoreset_mode': AUTORESET[autoreset]}, **arguments
+    )
+    batch = gymnasium.make_vec(ID, 3, autoreset_mode=AUTORESET[autoreset], **arguments)
+    assert type(batch).__name__ == 'Raw2DriveVectorEnv'
+    (expected, _), (seen, _) = alone.reset(seed=1), batch.reset(seed=1)
+    assert np.array_equal(seen, expected)
+    rng, ends = np.random.default_rng(0), 0
+    for tick in range(150):
+        if tick % 5 == 0:
+            actions = rng.integers(5, 25, 3)
+        expected, seen = alone.step(actions), batch.step(actions)
+        for one, other in zip(expected[:4], seen[:4], strict=True):
+            assert np.array_equal(one, other)
+        assert expected[4].keys() == seen[4].keys()
+        ends += int((seen[2] | seen[3]).sum())
+    assert ends >= 3
+
+
+def test_what_the_cameras_do_not_show_is_not_in_the_visible_masks() -> None:
+    """Of the dynamic masks; the static ones are the same."""
+    everything, seen = make(observation='bev'), make(observation='bev_visible')
+    route = {'route': 'ParkingCrossingPedestrian/100002/FogNoon'}
+    (one, _), (other, _) = everything.reset(options=route), seen.reset(options=route)
+    static, hidden = len(STATIC_CHANNELS), 0
+    for _ in range(40):
+        assert np.array_equal(one['bev'][:static], other['bev'][:static])
+        assert (other['bev'] <= one['bev']).all()
+        hidden += int((other['bev'] < one['bev']).sum())
+        one, other = everything.step(GO)[0], seen.step(GO)[0]
+    assert hidden > 0 and other['bev'][static:].any()
+    assert seen.unwrapped.driving.visibility is not None and everything.unwrapped.driving.visibility is None
 
 
 def test_steps_are_those_of_the_simulation() -> None:
@@ -186,7 +227,7 @@ def test_render_shows_cameras_and_masks() -> None:
     [
         ({'suite': 'b2d22'}, UnknownSuiteError, 'did you mean b2d220'),
         ({'routes': 'Acident'}, UnknownScenarioError, 'did you mean Accident'),
-        ({'observation': 'lidar'}, gymnasium.error.Error, 'none of cameras, bev, vector'),
+        ({'observation': 'lidar'}, gymnasium.error.Error, 'none of cameras, bev, bev_visible, vector'),
         ({'action': 'joystick'}, gymnasium.error.Error, 'none of discrete, continuous'),
         ({'twins': 1.5}, ValueError, 'a share'),
     ],
