@@ -201,7 +201,7 @@ class BackgroundSpec:
 @dataclass(frozen=True, slots=True)
 class WalkerSpec:
     """A pedestrian or cyclist beside the route at `s_m`, who crosses from lateral offset `from_m` to `to_m` (left
-    positive); timing: `actors.Walker`."""
+    positive); timing: `actors.Walker`. happens: False for one who stands and looks, in twins."""
 
     s_m: float
     from_m: float
@@ -209,6 +209,7 @@ class WalkerSpec:
     speed_mps: float
     delay_s: float
     kind: str = 'walker'
+    happens: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,11 +224,13 @@ class StandingSpec:
 
 @dataclass(frozen=True, slots=True)
 class DoorSpec:
-    """The door of a car parked at `s_m`. hinge_m: lateral offset (left positive) of its side that faces the route."""
+    """The door of a car parked at `s_m`. hinge_m: lateral offset (left positive) of its side that faces the route.
+    happens: False for one that stays shut, in twins."""
 
     s_m: float
     hinge_m: float
     trigger_m: float
+    happens: bool = True
 
 
 @dataclass(frozen=True, slots=True)

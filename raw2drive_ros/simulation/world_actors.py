@@ -140,9 +140,11 @@ class WorldBuilder:
         look = Look.draw('door' if isinstance(spec, DoorSpec) else spec.kind, rng, self.world.draw.split)
         route = self.world.route
         if isinstance(spec, WalkerSpec):
-            return Walker(route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.delay_s, spec.kind, look)
+            walker = Walker(route, spec.s_m, spec.from_m, spec.to_m, spec.speed_mps, spec.delay_s, spec.kind, look)
+            walker.left_to_walk_m *= spec.happens
+            return walker
         if isinstance(spec, DoorSpec):
-            return CarDoor(route, spec.s_m, spec.hinge_m, spec.trigger_m, look)
+            return CarDoor(route, spec.s_m, spec.hinge_m, spec.trigger_m if spec.happens else 0.0, look)
         if isinstance(spec, StandingSpec):
             x, y, yaw = route.pose(spec.s_m, spec.lateral_m)
             return StandingObject(x, y, yaw + spec.yaw_rad, spec.kind, look)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.draws import Rng
+from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, Curve, Junction, RoadLayout, Straight, turn_length_m
 from raw2drive_ros.simulation.scenario import (
     DisturbanceSpec,
@@ -14,6 +14,7 @@ from raw2drive_ros.simulation.scenario import (
     WalkerSpec,
     scenario,
 )
+from raw2drive_ros.simulation.scenarios.parts import approach, background, layout, parked_row, road_length_m
 from raw2drive_ros.simulation.scripts import Pacing, Script
 
 
@@ -36,14 +37,27 @@ def hard_brake(rng: Rng) -> Scene:
 
 
 @scenario('DynamicObjectCrossing', 'EmergencyBrake')
-def pedestrian_dart_out(rng: Rng) -> Scene:
+def pedestrian_dart_out(draw: Draw) -> Scene:
     """A pedestrian walks out from behind a parked van."""
-    where = float(rng.uniform(60, 100))
-    side = -1.0
-    van = StandingSpec('parked_van', where - 5.0, side * (LANE_WIDTH_M / 2 + 1.3))
-    walker = WalkerSpec(where, side * 4.5, 18.0, float(rng.uniform(1.2, 2.2)), float(rng.uniform(0.3, 0.9)))
-    layout = RoadLayout((Straight(150),), 1, 1, float(rng.uniform(8, 11)), shoulder_m=3.0)
-    return Scene(layout, RouteSpec(start_speed_mps=5.0), (van, walker))
+    where = draw.uniform('event_s_m', 110.0, 240.0, key=True)
+    pieces = (*approach(draw, where - 50.0), Straight(190.0))
+    road = layout(draw, pieces, (1, 1), (11.0, 14.0), (2.6, 3.2))
+    where = road_length_m(pieces[:-1], road, 0) + 50.0
+    beside = -(road.lane_width_m / 2 + road.shoulder_m - 1.35)
+    van = StandingSpec('parked_van', where - draw.uniform('van_gap_m', 4.2, 5.4), beside)
+    speed = draw.uniform('walker_mps', 1.6, 2.6, key=True)
+    start = beside - draw.uniform('start_m', 1.6, 2.2)
+    delay = draw.uniform('delay_s', 0.3, 0.45)
+    walker = WalkerSpec(where, start, 20.0, speed, delay, happens=draw.event)
+    row = parked_row(draw, 'row', where - 60.0, where + 60.0, beside, (where - 12.0, where + 8.0))
+    route = RouteSpec(start_speed_mps=9.0)
+    return Scene(
+        road,
+        route,
+        (van, walker, *row),
+        background=background(draw, parked=False),
+        event_s_m=(where - 40.0, where + 8.0),
+    )
 
 
 @scenario('ParkingCutIn', 'EmergencyBrake')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.draws import Rng
+from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.flows import arriving, group_times
 from raw2drive_ros.simulation.layout import (
     ARM_LENGTH_M,
@@ -12,7 +12,17 @@ from raw2drive_ros.simulation.layout import (
     RoadLayout,
     Straight,
 )
-from raw2drive_ros.simulation.scenario import LightSpec, RouteSpec, Scene, TrafficSpec, scenario
+from raw2drive_ros.simulation.scenario import AcrossJunction, LightSpec, RouteSpec, Scene, TrafficSpec, scenario
+from raw2drive_ros.simulation.scenarios.parts import (
+    across_m,
+    approach,
+    background,
+    crossing_need_s,
+    layout,
+    road_length_m,
+    skewed,
+    stream,
+)
 
 GREEN = (('green', 120.0),)
 T_FROM_STEM = ('left', 'right')
@@ -49,10 +59,46 @@ def _with_light(turn: str, actors: tuple[TrafficSpec, ...], phases: tuple[tuple[
     return Scene(layout, RouteSpec(start_speed_mps=4.0), actors, (LightSpec(0, phases),))
 
 
+def _through_stream(
+    draw: Draw,
+    turn: str,
+    flows: tuple[tuple[str, str], ...],
+    speeds_mps: tuple[float, float] = (7.0, 9.5),
+    arms: tuple[str, ...] = ('left', 'right', 'ahead'),
+    control: str = 'none',
+    priority: str = '',
+    kind: str = 'car',
+) -> Scene:
+    """A junction where the ego turns across or into streams with the right of way."""
+    before = draw.uniform('event_s_m', 90.0, 200.0, key=True)
+    junction = skewed(draw, turn, arms, control, priority)
+    pieces = (*approach(draw, before), junction, Straight(draw.uniform('after_m', 70.0, 130.0)))
+    road = layout(draw, pieces, (1, 1), (9.0, 12.5))
+    begin = road_length_m(pieces[:-2], road, 0)
+    across = across_m(junction, road)
+    need = crossing_need_s(road, turn) + (2.0 if len(flows) > 1 else 0.0)
+    streams = tuple(
+        stream(
+            draw,
+            AcrossJunction(0, *flow),
+            draw.uniform(f'stream_{i}_mps', *speeds_mps, key=i == 0),
+            need,
+            f'stream_{i}',
+            kind=kind,
+        )
+        for i, flow in enumerate(flows)
+    )
+    lights = (LightSpec(0, GREEN),) if control == 'light' else ()
+    route = RouteSpec(start_speed_mps=7.0)
+    return Scene(
+        road, route, streams, lights, background=background(draw), event_s_m=(begin - 25.0, begin + across + 12.0)
+    )
+
+
 @scenario('NonSignalizedJunctionLeftTurn', 'Merging', 'TrafficSign')
-def unprotected_left_turn(rng: Rng) -> Scene:
+def unprotected_left_turn(draw: Draw) -> Scene:
     """Turn left across oncoming traffic."""
-    return _scene('left', _flow(rng, ('ahead', 'back')))
+    return _through_stream(draw, 'left', (('ahead', 'back'),), priority='')
 
 
 @scenario('NonSignalizedJunctionRightTurn', 'Merging', 'TrafficSign')

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.draws import Rng
+from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.flows import arriving, group_times
 from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
+    AlongRoad,
     DoorSpec,
+    FlowSpec,
     LaneChange,
     RouteSpec,
     Scene,
@@ -14,6 +16,7 @@ from raw2drive_ros.simulation.scenario import (
     TrafficSpec,
     scenario,
 )
+from raw2drive_ros.simulation.scenarios.parts import approach, background, layout, road_length_m, stream
 
 
 def _past(where_m: float, lane: int) -> tuple[LaneChange, ...]:
@@ -55,14 +58,35 @@ def _crash(rng: Rng, where_m: float, lateral_m: float) -> tuple[StandingSpec, ..
     )
 
 
+def _blocked_lane(draw: Draw, length_m: float) -> tuple[RoadLayout, float, int]:
+    """(road with two or three lanes in the ego's direction, where an obstacle of `length_m` ends, the ego's lane)."""
+    lanes = draw.choice('lanes', (2, 3), key=True)
+    before = draw.uniform('event_s_m', 130.0, 230.0, key=True)
+    pieces = (*approach(draw, before - 60.0), Straight(170.0 + length_m))
+    road = layout(draw, pieces, (lanes, draw.choice('backward', (0, lanes))), (10.0, 13.5), (2.8, 3.4))
+    return road, road_length_m(pieces[:-1], road, lanes - 1) + 80.0 + length_m, lanes - 1
+
+
+def _beside(road: RoadLayout, lane: int) -> float:
+    """Lateral offset from the middle of the rightmost lane at which a car stands on the shoulder."""
+    return -(road.lane_width_m / 2 + road.shoulder_m - 1.3)
+
+
+def _next_lane(draw: Draw, where_m: float, lane: int) -> FlowSpec:
+    """A stream in the lane left of the ego's, past an obstacle at `where_m`."""
+    speed = draw.uniform('stream_mps', 7.0, 9.0)
+    return stream(draw, AlongRoad(where_m - 22.0, lane - 1), speed, 4.8, headway_s=(1.5, 1.9), passes=False)
+
+
 @scenario('ParkedObstacle', 'Overtaking')
-def parked_obstacle(rng: Rng) -> Scene:
-    """A broken-down car stands in the right lane; traffic flows in the left one."""
-    where = float(rng.uniform(80, 110))
-    blocker = StandingSpec(str(rng.choice(('parked', 'parked_van'))), where, 0.0)
-    layout = RoadLayout((Straight(220),), 2, 0, 11.0)
-    route = RouteSpec(1, detour=_past(where, 1), start_speed_mps=5.0)
-    return Scene(layout, route, (blocker, *_left_lane(rng, where)))
+def parked_obstacle(draw: Draw) -> Scene:
+    """A broken-down car stands in the right lane; traffic flows in the next one."""
+    road, where, lane = _blocked_lane(draw, 6.0)
+    kind = draw.choice('kind', ('parked', 'parked_van'))
+    aside = 0.0 if draw.event else _beside(road, lane)
+    route = RouteSpec(lane, detour=_past(where, lane) if draw.event else (), start_speed_mps=7.0)
+    actors = (StandingSpec(kind, where, aside), _next_lane(draw, where, lane))
+    return Scene(road, route, actors, background=background(draw), event_s_m=(where - 45.0, where + 40.0))
 
 
 @scenario('ConstructionObstacle', 'Overtaking')

@@ -2,30 +2,50 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.draws import Rng
+from raw2drive_ros.simulation.draws import Draw, Rng
 from raw2drive_ros.simulation.flows import arriving, group_times
 from raw2drive_ros.simulation.layout import Junction, RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
+    ActorSpec,
     LightSpec,
     RouteSpec,
     Scene,
     StopSignSpec,
-    TrafficSpec,
     scenario,
 )
+from raw2drive_ros.simulation.scenarios.parts import across_m, approach, background, layout, road_length_m, skewed
 
 
 def _turn(rng: Rng) -> str:
     return str(rng.choice(('left', 'right', 'ahead')))
 
 
+def _at_light(
+    draw: Draw, phases: tuple[tuple[str, float], ...], trigger_m: float, actors: tuple[ActorSpec, ...] = ()
+) -> Scene:
+    """A junction with a light on a road of one or two lanes each way."""
+    turn = draw.choice('turn', ('left', 'ahead', 'right'), key=True)
+    lanes = draw.choice('lanes', (1, 2), key=True)
+    before = draw.uniform('event_s_m', 110.0, 230.0, key=True)
+    junction = skewed(draw, turn, ('left', 'right', 'ahead'), 'light')
+    pieces = (*approach(draw, before), junction, Straight(draw.uniform('after_m', 80.0, 140.0)))
+    road = layout(draw, pieces, (lanes, lanes), (11.0, 14.0))
+    lane = lanes - 1 if turn == 'right' else 0
+    begin = road_length_m(pieces[:-2], road, lane)
+    across = across_m(junction, road)
+    route = RouteSpec(lane, start_speed_mps=9.0)
+    light = LightSpec(0, phases, trigger_m)
+    return Scene(
+        road, route, actors, (light,), background=background(draw), event_s_m=(begin - 25.0, begin + across + 12.0)
+    )
+
+
 @scenario('VanillaSignalizedTurnEncounterRedLight', 'TrafficSign')
-def red_light(rng: Rng) -> Scene:
+def red_light(draw: Draw) -> Scene:
     """The light is red, then turns green; cross traffic passes during the red phase."""
-    crossing = tuple(TrafficSpec(('left', 'right'), float(s), 7.0, obeys_light=True) for s in (15, 32))
-    light = LightSpec(0, (('red', float(rng.uniform(9, 14))), ('green', 60.0)))
-    layout = RoadLayout((Straight(70), Junction(_turn(rng), control='light'), Straight(60)), 1, 1, 9.0)
-    return Scene(layout, RouteSpec(start_speed_mps=4.0), crossing, (light,))
+    red = draw.uniform('red_s', 17.0, 27.0, key=True)
+    phases = (('red', red), ('green', 40.0)) if draw.event else (('green', 60.0),)
+    return _at_light(draw, phases, draw.uniform('trigger_m', 50.0, 70.0))
 
 
 @scenario('VanillaSignalizedTurnEncounterGreenLight', 'TrafficSign')
