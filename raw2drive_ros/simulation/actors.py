@@ -295,20 +295,20 @@ class StandingObject(Obstacle):
 
 
 class CarDoor(StandingObject):
-    """The door of a parked car: closed (inside the car's outline) until the ego is `trigger_m` away, then it opens."""
+    """The door of a parked car: closed (inside the car's outline) until the ego is due within `due_s`, then it opens;
+    never with 0."""
 
-    def __init__(self, route: Path, s_m: float, hinge_m: float, trigger_m: float, look: Look | None = None) -> None:
+    def __init__(self, route: Path, s_m: float, hinge_m: float, due_s: float, look: Look | None = None) -> None:
         self.side = math.copysign(1.0, -hinge_m)
         self.shut_m, self.open_m = hinge_m - self.side * 0.5, hinge_m + self.side * 0.45
         x, y, yaw = route.pose(s_m, self.shut_m)
         super().__init__(x, y, yaw, 'door', look)
-        self.route, self.route_s_m, self.trigger_m = route, s_m, trigger_m
+        self.route, self.route_s_m, self.due_s = route, s_m, due_s
         self.opening = False
         self.part = 0.0
 
     def think(self, world: World) -> None:
-        ahead = self.route_s_m - world.route_s_m
-        self.opening = self.opening or 0.0 < ahead < self.trigger_m
+        self.opening = self.opening or (self.due_s > 0.0 and ego_is_due(world, self.route_s_m, self.due_s))
 
     def step(self, dt: float) -> None:
         if not self.opening or self.part >= 1.0:

@@ -225,11 +225,12 @@ class StandingSpec:
 @dataclass(frozen=True, slots=True)
 class DoorSpec:
     """The door of a car parked at `s_m`. hinge_m: lateral offset (left positive) of its side that faces the route.
-    happens: False for one that stays shut, in twins."""
+    due_s: it begins to open so long before the ego's front gets there. happens: False for one that stays shut, in
+    twins."""
 
     s_m: float
     hinge_m: float
-    trigger_m: float
+    due_s: float
     happens: bool = True
 
 

@@ -144,7 +144,7 @@ class WorldBuilder:
             walker.left_to_walk_m *= spec.happens
             return walker
         if isinstance(spec, DoorSpec):
-            return CarDoor(route, spec.s_m, spec.hinge_m, spec.trigger_m if spec.happens else 0.0, look)
+            return CarDoor(route, spec.s_m, spec.hinge_m, spec.due_s if spec.happens else 0.0, look)
         if isinstance(spec, StandingSpec):
             x, y, yaw = route.pose(spec.s_m, spec.lateral_m)
             return StandingObject(x, y, yaw + spec.yaw_rad, spec.kind, look)

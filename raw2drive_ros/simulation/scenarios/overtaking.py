@@ -2,188 +2,251 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.draws import Draw, Rng
-from raw2drive_ros.simulation.flows import arriving, group_times
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
+from dataclasses import replace
+
+from raw2drive_ros.simulation.draws import Draw
+from raw2drive_ros.simulation.layout import RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
     AlongRoad,
+    BackgroundSpec,
+    CarSpec,
     DoorSpec,
     FlowSpec,
     LaneChange,
     RouteSpec,
     Scene,
     StandingSpec,
-    TrafficSpec,
     scenario,
 )
-from raw2drive_ros.simulation.scenarios.parts import approach, background, layout, road_length_m, stream
+from raw2drive_ros.simulation.scenarios.parts import approach, background, layout, parked_row, road_length_m, stream
+from raw2drive_ros.simulation.scripts import Script
+
+# Straight road before and beyond an obstacle: it has to be seen, and oncoming traffic too.
+BEFORE_M, BEYOND_M = 60.0, 115.0
+# Traffic in the lane that is blocked would stand behind the obstacle in the event alone.
+OTHER_LANES = ('beside', 'oncoming', 'cross')
+# Way from one lane to the next before and behind an obstacle in the ego's only lane, speed of the ego meanwhile, and
+# the time that it takes to get going.
+SHIFT_M, PASSING_MPS, START_S = 18.0, 6.0, 2.5
+# Cyclists dawdle until the ego is due within this time: whoever drives slowly meets them, too.
+CYCLISTS_DUE_S, DAWDLE_MPS = 6.0, 0.4
 
 
-def _past(where_m: float, lane: int) -> tuple[LaneChange, ...]:
-    """Lane changes of the detour around an obstacle at `where_m`: to the left before it and back after it."""
-    return (LaneChange(where_m - 42, lane - 1, 26), LaneChange(where_m + 12, lane, 26))
+def _past(where_m: float, length_m: float, lane: int) -> tuple[LaneChange, ...]:
+    """Lane changes of the detour around an obstacle of `length_m` that ends at `where_m`: to the left and back."""
+    return LaneChange(where_m - length_m - 36.0, lane - 1, 26.0), LaneChange(where_m + 12.0, lane, 26.0)
 
 
-def _left_lane(rng: Rng, where_m: float) -> tuple[TrafficSpec, ...]:
-    """A flow of traffic in the left lane that passes the obstacle at `where_m` when the ego arrives there."""
-    times = group_times(rng, float(rng.uniform(4, 6)), float(rng.uniform(14, 19)), (1.6, 2.0), (5.0, 6.5), groups=3)
-    return arriving(times, 'forward', where_m - 25.0, float(rng.uniform(7.0, 9.0)), has_priority=False)
+def _past_oncoming(where_m: float, length_m: float) -> tuple[LaneChange, ...]:
+    """Lane changes of the detour through the oncoming lane, around an obstacle of `length_m` that ends at `where_m`."""
+    return LaneChange(where_m - length_m - 24.0, -1, SHIFT_M), LaneChange(where_m + 6.0, 0, SHIFT_M)
 
 
-def _past_oncoming(where_m: float, length_m: float, lane: float = -1) -> tuple[LaneChange, ...]:
-    """Lane changes of the detour through (part of) the oncoming lane, around an obstacle `length_m` long that ends at
-    `where_m`."""
-    return (LaneChange(where_m - length_m - 24, lane, 18), LaneChange(where_m + 6, 0, 18))
+def _traffic(draw: Draw) -> BackgroundSpec:
+    """Background traffic on all lanes but the ego's."""
+    return background(draw, lanes=OTHER_LANES)
 
 
-def _oncoming(rng: Rng, first_m: float, count: int) -> tuple[TrafficSpec, ...]:
-    """Oncoming cars, the first one `first_m` from the far end of the road, with one long gap between them."""
-    speed = float(rng.uniform(5.5, 8.0))
-    cars, s = [], first_m
-    long_gap = int(rng.integers(1, count)) if count > 1 else 0
-    for i in range(count):
-        if s > 0:
-            cars.append(TrafficSpec('backward', s, speed))
-        s -= float(rng.uniform(95, 130)) if i + 1 == long_gap else float(rng.uniform(16, 30))
-    return tuple(cars)
+def _beside(road: RoadLayout, half_width_m: float = 0.95) -> float:
+    """Lateral offset from the middle of the rightmost lane at which something stands on the shoulder."""
+    return -(road.lane_width_m / 2 + max(half_width_m + 0.25, road.shoulder_m - half_width_m - 0.2))
 
 
-def _crash(rng: Rng, where_m: float, lateral_m: float) -> tuple[StandingSpec, ...]:
-    """Two crashed cars, and a police van behind them."""
-    turned = float(rng.uniform(0.15, 0.35)) * float(rng.choice((-1, 1)))
-    return (
-        StandingSpec('parked_emergency', where_m - 13.5, lateral_m),
-        StandingSpec('parked', where_m - 5.2, lateral_m, turned),
-        StandingSpec('parked', where_m, lateral_m + 0.2, -turned),
-    )
-
-
-def _blocked_lane(draw: Draw, length_m: float) -> tuple[RoadLayout, float, int]:
+def _blocked_lane(draw: Draw, length_m: float, beyond_m: float = BEYOND_M) -> tuple[RoadLayout, float, int]:
     """(road with two or three lanes in the ego's direction, where an obstacle of `length_m` ends, the ego's lane)."""
     lanes = draw.choice('lanes', (2, 3), key=True)
-    before = draw.uniform('event_s_m', 130.0, 230.0, key=True)
-    pieces = (*approach(draw, before - 60.0), Straight(170.0 + length_m))
+    before = draw.uniform('event_s_m', 140.0, 230.0, key=True)
+    pieces = (*approach(draw, before - BEFORE_M), Straight(BEFORE_M + length_m + beyond_m))
     road = layout(draw, pieces, (lanes, draw.choice('backward', (0, lanes))), (10.0, 13.5), (2.8, 3.4))
-    return road, road_length_m(pieces[:-1], road, lanes - 1) + 80.0 + length_m, lanes - 1
+    return road, road_length_m(pieces[:-1], road, lanes - 1) + BEFORE_M + length_m, lanes - 1
 
 
-def _beside(road: RoadLayout, lane: int) -> float:
-    """Lateral offset from the middle of the rightmost lane at which a car stands on the shoulder."""
-    return -(road.lane_width_m / 2 + road.shoulder_m - 1.3)
+def _two_ways(draw: Draw, length_m: float, beyond_m: float = BEYOND_M) -> tuple[RoadLayout, float]:
+    """(road with one lane each way, where an obstacle of `length_m` ends)."""
+    before = draw.uniform('event_s_m', 130.0, 220.0, key=True)
+    pieces = (*approach(draw, before - BEFORE_M), Straight(BEFORE_M + length_m + beyond_m))
+    road = layout(draw, pieces, (1, 1), (9.5, 12.5), (2.6, 3.2))
+    return road, road_length_m(pieces[:-1], road, 0) + BEFORE_M + length_m
 
 
 def _next_lane(draw: Draw, where_m: float, lane: int) -> FlowSpec:
-    """A stream in the lane left of the ego's, past an obstacle at `where_m`."""
-    speed = draw.uniform('stream_mps', 7.0, 9.0)
-    return stream(draw, AlongRoad(where_m - 22.0, lane - 1), speed, 4.8, headway_s=(1.5, 1.9), passes=False)
+    """A stream in the lane left of the ego's, with a point at `where_m`."""
+    speed = draw.uniform('stream_mps', 7.0, 9.0, key=True)
+    return stream(draw, AlongRoad(where_m, lane - 1), speed, 4.8, headway_s=(1.5, 1.9), passes=False)
+
+
+def _oncoming(draw: Draw, where_m: float, length_m: float, shift_m: float = SHIFT_M) -> FlowSpec:
+    """An oncoming stream with gaps for an ego that passes an obstacle of `length_m` that ends at `where_m`: the last
+    car of a platoon has to be by before it starts, and it has to be back before the next one comes."""
+    speed = draw.uniform('stream_mps', 5.5, 7.5, key=True)
+    zone = length_m + 2.0 * shift_m
+    need = START_S + zone / PASSING_MPS + zone / speed
+    return stream(draw, AlongRoad(where_m - length_m / 2, 0, oncoming=True), speed, need, passes=False)
+
+
+def _scene(
+    draw: Draw,
+    road: RoadLayout,
+    lane: int,
+    where_m: float,
+    length_m: float,
+    actors: tuple[StandingSpec | CarSpec | DoorSpec | FlowSpec, ...],
+    detour: tuple[LaneChange, ...],
+) -> Scene:
+    """The scene with an obstacle of `length_m` that ends at `where_m`; the twin has no detour."""
+    route = RouteSpec(lane, detour=detour if draw.event else (), start_speed_mps=7.0)
+    event = (where_m - length_m - 40.0, where_m + 30.0)
+    return Scene(road, route, actors, background=_traffic(draw), event_s_m=event)
+
+
+def _without_strip(scene: Scene) -> Scene:
+    """The scene without background traffic where its own actors ride and stand beside the lane."""
+    assert scene.background is not None
+    return replace(scene, background=replace(scene.background, parked=0.0, cyclists=0))
+
+
+# -- obstacles --------------------------------------------------------------------------------
+
+
+def _broken_down(draw: Draw, road: RoadLayout, where_m: float) -> tuple[StandingSpec, ...]:
+    """A car or van that stands in the lane; in the twin on the shoulder."""
+    kind = draw.choice('kind', ('parked', 'parked_van'))
+    lateral, yaw = draw.uniform('lateral_m', -0.3, 0.2), draw.uniform('yaw_rad', -0.06, 0.06)
+    return (StandingSpec(kind, where_m - 3.0, lateral if draw.event else _beside(road), yaw),)
+
+
+def _road_works(draw: Draw, road: RoadLayout, where_m: float) -> tuple[StandingSpec, ...]:
+    """A taper of cones and barriers that closes the lane, 16 m long; in the twin the same beside it."""
+    count = draw.integer('cones', 4, 6)
+    barriers = draw.integer('barriers', 1, 2)
+    half = road.lane_width_m / 2
+    begin, end = (-half + 0.2, 0.7) if draw.event else (_beside(road) - 0.3, _beside(road) + 0.3)
+    step = 9.0 / (count - 1)
+    cones = tuple(
+        StandingSpec('cone', where_m - 16.0 + step * i, begin + (end - begin) * i / (count - 1)) for i in range(count)
+    )
+    aside = 0.0 if draw.event else _beside(road)
+    return (*cones, *(StandingSpec('barrier', where_m - 1.0 - 3.5 * i, aside) for i in range(barriers)))
+
+
+def _crash(draw: Draw, road: RoadLayout, where_m: float) -> tuple[StandingSpec, ...]:
+    """Two crashed cars, and a police van behind them, 18 m long; in the twin they stand on the shoulder."""
+    turned = draw.uniform('turned_rad', 0.15, 0.35) * draw.side('turned_side')
+    lateral = draw.uniform('lateral_m', -0.2, 0.2)
+    aside = _beside(road, 1.05)
+    gap = draw.uniform('crash_gap_m', 4.9, 5.4)
+    places = ((-2.5 - gap - 7.8, 'parked_emergency', 0.0), (-2.5 - gap, 'parked', turned), (-2.5, 'parked', -turned))
+    return tuple(
+        StandingSpec(kind, where_m + at, lateral if draw.event else aside, yaw if draw.event else 0.2 * yaw)
+        for at, kind, yaw in places
+    )
+
+
+def _cyclists(draw: Draw, road: RoadLayout, where_m: float, lane: int) -> tuple[CarSpec | StandingSpec, ...]:
+    """Two slow cyclists, almost side by side, in the lane; in the twin on the strip beside it. Before: parked cars."""
+    speed = draw.uniform('cyclist_mps', 1.6, 2.4, key=True)
+    inner, outer = draw.uniform('inner_m', -0.2, 0.1), draw.uniform('outer_m', -1.15, -1.0)
+    ahead = draw.uniform('ahead_m', 0.6, 2.2)
+    strip = -road.lane_width_m / 2 - 0.75
+    places = ((0.0, inner), (ahead, outer)) if draw.event else ((0.0, strip), (ahead, strip - 0.9))
+    row = parked_row(draw, 'row', 25.0, where_m - 25.0, _beside(road))
+    riders = tuple(
+        CarSpec(
+            AlongRoad(where_m + along, lane),
+            DAWDLE_MPS,
+            kind='cyclist',
+            lateral_m=lateral,
+            scripts=(Script(ego_due=(where_m, CYCLISTS_DUE_S), target_speed_mps=speed),),
+        )
+        for along, lateral in places
+    )
+    return (*riders, *row)
+
+
+# -- types ------------------------------------------------------------------------------------
 
 
 @scenario('ParkedObstacle', 'Overtaking')
 def parked_obstacle(draw: Draw) -> Scene:
     """A broken-down car stands in the right lane; traffic flows in the next one."""
     road, where, lane = _blocked_lane(draw, 6.0)
-    kind = draw.choice('kind', ('parked', 'parked_van'))
-    aside = 0.0 if draw.event else _beside(road, lane)
-    route = RouteSpec(lane, detour=_past(where, lane) if draw.event else (), start_speed_mps=7.0)
-    actors = (StandingSpec(kind, where, aside), _next_lane(draw, where, lane))
-    return Scene(road, route, actors, background=background(draw), event_s_m=(where - 45.0, where + 40.0))
+    actors = (*_broken_down(draw, road, where), _next_lane(draw, where - 22.0, lane))
+    return _scene(draw, road, lane, where, 6.0, actors, _past(where, 6.0, lane))
 
 
 @scenario('ConstructionObstacle', 'Overtaking')
-def construction(rng: Rng) -> Scene:
-    """Cones and a barrier close the right lane; traffic flows in the left one."""
-    where = float(rng.uniform(80, 110))
-    cones = tuple(StandingSpec('cone', where - 10 + 3 * i, -1.4 + 0.45 * i) for i in range(4))
-    barrier = StandingSpec('barrier', where + 4, 0.0)
-    layout = RoadLayout((Straight(220),), 2, 0, 11.0)
-    route = RouteSpec(1, detour=_past(where, 1), start_speed_mps=5.0)
-    return Scene(layout, route, (*cones, barrier, *_left_lane(rng, where)))
-
-
-@scenario('HazardAtSideLane', 'Overtaking')
-def slow_cyclists(rng: Rng) -> Scene:
-    """Slow cyclists ride near the edge of the right lane; traffic flows in the left one."""
-    where = float(rng.uniform(55, 70))
-    speed = float(rng.uniform(1.2, 1.8))
-    riders = tuple(
-        TrafficSpec('forward', where + gap, speed, lane=1, kind='cyclist', lateral_m=-0.8, ignores_traffic=True)
-        for gap in (0.0, 4.0)
-    )
-    # Long before and long after: the cyclists move on while the ego passes them.
-    detour = (LaneChange(where - 32, 0, 25), LaneChange(where + 65, 1, 30))
-    layout = RoadLayout((Straight(240),), 2, 0, 11.0)
-    times = group_times(rng, float(rng.uniform(2, 4)), float(rng.uniform(10, 14)), (1.6, 2.0), (5.0, 6.5))
-    traffic = arriving(times, 'forward', where - 15.0, float(rng.uniform(7.0, 9.0)), has_priority=False)
-    return Scene(layout, RouteSpec(1, detour=detour, start_speed_mps=5.0), (*riders, *traffic))
+def construction(draw: Draw) -> Scene:
+    """Cones and barriers close the right lane; traffic flows in the next one."""
+    road, where, lane = _blocked_lane(draw, 16.0)
+    actors = (*_road_works(draw, road, where), _next_lane(draw, where - 32.0, lane))
+    return _scene(draw, road, lane, where, 16.0, actors, _past(where, 16.0, lane))
 
 
 @scenario('Accident', 'Overtaking')
-def accident(rng: Rng) -> Scene:
-    """Two crashed cars and a police van block the right lane; traffic flows in the left one."""
-    where = float(rng.uniform(90, 120))
-    detour = (LaneChange(where - 55, 0, 26), LaneChange(where + 12, 1, 26))
-    layout = RoadLayout((Straight(230),), 2, 0, 11.0)
-    route = RouteSpec(1, detour=detour, start_speed_mps=5.0)
-    return Scene(layout, route, (*_crash(rng, where, 0.0), *_left_lane(rng, where - 12.0)))
-
-
-@scenario('AccidentTwoWays', 'Overtaking')
-def accident_two_ways(rng: Rng) -> Scene:
-    """Two crashed cars and a police van block the ego's only lane; the detour leads through the oncoming one."""
-    where = float(rng.uniform(95, 115))
-    layout = RoadLayout((Straight(230),), 1, 1, 10.0, shoulder_m=1.5)
-    blockers = _crash(rng, where, 0.0)
-    traffic = _oncoming(rng, float(rng.uniform(60, 110)), int(rng.integers(1, 4)))
-    return Scene(layout, RouteSpec(0, detour=_past_oncoming(where + 4, 22), start_speed_mps=5.0), (*blockers, *traffic))
+def accident(draw: Draw) -> Scene:
+    """Two crashed cars and a police van block the right lane; traffic flows in the next one."""
+    road, where, lane = _blocked_lane(draw, 18.0)
+    actors = (*_crash(draw, road, where), _next_lane(draw, where - 34.0, lane))
+    return _scene(draw, road, lane, where, 18.0, actors, _past(where, 18.0, lane))
 
 
 @scenario('ParkedObstacleTwoWays', 'Overtaking')
-def parked_obstacle_two_ways(rng: Rng) -> Scene:
+def parked_obstacle_two_ways(draw: Draw) -> Scene:
     """A broken-down car stands in the ego's only lane; oncoming cars use the other."""
-    where = float(rng.uniform(80, 110))
-    layout = RoadLayout((Straight(220),), 1, 1, 10.0, shoulder_m=1.5)
-    kind = str(rng.choice(('parked', 'parked_van')))
-    blocker = StandingSpec(kind, where, 0.0)
-    traffic = _oncoming(rng, float(rng.uniform(60, 110)), int(rng.integers(1, 4)))
-    return Scene(layout, RouteSpec(0, detour=_past_oncoming(where + 3, 6), start_speed_mps=5.0), (blocker, *traffic))
+    road, where = _two_ways(draw, 6.0)
+    actors = (*_broken_down(draw, road, where), _oncoming(draw, where, 6.0))
+    return _scene(draw, road, 0, where, 6.0, actors, _past_oncoming(where, 6.0))
 
 
 @scenario('ConstructionObstacleTwoWays', 'Overtaking')
-def construction_two_ways(rng: Rng) -> Scene:
-    """Cones and a barrier close the ego's only lane; oncoming cars use the other."""
-    where = float(rng.uniform(85, 110))
-    cones = tuple(StandingSpec('cone', where - 10 + 3 * i, -1.4 + 0.4 * i) for i in range(4))
-    barrier = StandingSpec('barrier', where + 4, 0.0)
-    layout = RoadLayout((Straight(220),), 1, 1, 10.0, shoulder_m=1.5)
-    traffic = _oncoming(rng, float(rng.uniform(60, 110)), int(rng.integers(1, 4)))
-    return Scene(
-        layout, RouteSpec(0, detour=_past_oncoming(where + 6, 17), start_speed_mps=5.0), (*cones, barrier, *traffic)
-    )
+def construction_two_ways(draw: Draw) -> Scene:
+    """Cones and barriers close the ego's only lane; oncoming cars use the other."""
+    road, where = _two_ways(draw, 16.0)
+    actors = (*_road_works(draw, road, where), _oncoming(draw, where, 16.0))
+    return _scene(draw, road, 0, where, 16.0, actors, _past_oncoming(where, 16.0))
+
+
+@scenario('AccidentTwoWays', 'Overtaking')
+def accident_two_ways(draw: Draw) -> Scene:
+    """Two crashed cars and a police van block the ego's only lane; the detour leads through the oncoming one."""
+    road, where = _two_ways(draw, 18.0)
+    actors = (*_crash(draw, road, where), _oncoming(draw, where, 18.0))
+    return _scene(draw, road, 0, where, 18.0, actors, _past_oncoming(where, 18.0))
+
+
+@scenario('HazardAtSideLane', 'Overtaking')
+def slow_cyclists(draw: Draw) -> Scene:
+    """Slow cyclists ride in the right lane; traffic flows in the next one."""
+    road, where, lane = _blocked_lane(draw, 0.0, 185.0)
+    actors = (*_cyclists(draw, road, where, lane), _next_lane(draw, where + 40.0, lane))
+    # Long before and long after: the cyclists move on while the ego waits for a gap, and while it passes them.
+    detour = LaneChange(where - 25.0, lane - 1, 26.0), LaneChange(where + 140.0, lane, 26.0)
+    return _without_strip(_scene(draw, road, lane, where + 100.0, 100.0, actors, detour))
 
 
 @scenario('HazardAtSideLaneTwoWays', 'Overtaking')
-def slow_cyclists_two_ways(rng: Rng) -> Scene:
-    """Slow cyclists ride near the edge of the ego's only lane; passing them takes most of the oncoming one."""
-    where = float(rng.uniform(60, 75))
-    speed = float(rng.uniform(1.2, 1.8))
-    riders = tuple(
-        TrafficSpec('forward', where + gap, speed, kind='cyclist', lateral_m=-1.0, ignores_traffic=True)
-        for gap in (0.0, 4.0)
-    )
-    detour = (LaneChange(where - 20, -0.75, 18), LaneChange(where + 70, 0, 18))
-    layout = RoadLayout((Straight(240),), 1, 1, 10.0, shoulder_m=1.0)
-    traffic = _oncoming(rng, float(rng.uniform(60, 110)), int(rng.integers(1, 3)))
-    return Scene(layout, RouteSpec(0, detour=detour, start_speed_mps=5.0), (*riders, *traffic))
+def slow_cyclists_two_ways(draw: Draw) -> Scene:
+    """Slow cyclists ride in the ego's only lane; passing them takes most of the oncoming one."""
+    road, where = _two_ways(draw, 0.0, 200.0)
+    actors = (*_cyclists(draw, road, where, 0), _oncoming(draw, where + 45.0, 16.0))
+    detour = LaneChange(where - 15.0, -1, SHIFT_M), LaneChange(where + 150.0, 0, SHIFT_M)
+    return _without_strip(_scene(draw, road, 0, where + 100.0, 100.0, actors, detour))
 
 
 @scenario('VehicleOpensDoorTwoWays', 'Overtaking')
-def opening_door(rng: Rng) -> Scene:
-    """The door of a parked car opens into the ego's lane; passing it takes a part of the oncoming one."""
-    where = float(rng.uniform(65, 95))
-    beside = -(LANE_WIDTH_M / 2 + 0.75 + float(rng.uniform(0.0, 0.2)))
-    parked = tuple(StandingSpec('parked', where + gap, beside) for gap in (-7.0, 0.0, 7.5))
-    door = DoorSpec(where + 0.5, beside + 0.95, float(rng.uniform(30, 40)))
-    layout = RoadLayout((Straight(200),), 1, 1, float(rng.uniform(8, 10)), shoulder_m=3.0)
-    traffic = _oncoming(rng, float(rng.uniform(50, 100)), int(rng.integers(1, 3)))
-    route = RouteSpec(0, detour=_past_oncoming(where + 10, 20, lane=-0.5), start_speed_mps=5.0)
-    return Scene(layout, route, (*parked, door, *traffic))
+def opening_door(draw: Draw) -> Scene:
+    """The door of a parked car opens into the ego's narrow lane; passing it takes a part of the oncoming one."""
+    road, where = _two_ways(draw, 0.0)
+    road = replace(road, lane_width_m=draw.uniform('narrow_m', 3.0, 3.2))
+    # Cars are parked with their wheels on the line, on both sides, so that oncoming ones keep to the middle of the
+    # road: between those and the door is no way.
+    near_side = -road.lane_width_m / 2 + draw.uniform('over_line_m', 0.2, 0.3)
+    due = draw.uniform('due_s', 2.0, 2.6, key=True)
+    parked = tuple(StandingSpec('parked', where + gap, near_side - 0.9) for gap in (-7.2, 0.0, 7.4))
+    row = parked_row(draw, 'row', 30.0, where + 60.0, near_side - 1.05, (where - 11.0, where + 11.0))
+    aside = 1.5 * road.lane_width_m + 0.9
+    opposite = parked_row(draw, 'opposite', where - 40.0, where + 70.0, aside)
+    door = DoorSpec(where + 0.5, near_side, due, happens=draw.event)
+    flow = replace(_oncoming(draw, where + 4.0, 8.0, 12.0), lateral_m=draw.uniform('to_middle_m', 0.5, 0.6))
+    detour = LaneChange(where - 20.0, -0.5, 14.0), LaneChange(where + 8.0, 0, 14.0)
+    return _without_strip(_scene(draw, road, 0, where, 0.0, (*parked, door, *row, *opposite, flow), detour))
