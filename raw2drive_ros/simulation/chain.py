@@ -19,7 +19,7 @@ from raw2drive_ros.simulation.scenario import (
     Scene,
     TrafficSpec,
 )
-from raw2drive_ros.simulation.scripts import Pacing, Script
+from raw2drive_ros.simulation.scripts import Meeting, Pacing, Script
 
 DRAWS_PER_LINK = 40
 
@@ -126,7 +126,7 @@ class _Shift:
                 spec,
                 place=self._place(spec.place),
                 scripts=tuple(self._script(script) for script in spec.scripts),
-                pacing=self._pacing(spec.pacing),
+                pacing=self._steered(spec.pacing),
                 waits_for_s_m=starts_m,
             )
         if not isinstance(spec, TrafficSpec):
@@ -149,6 +149,12 @@ class _Shift:
 
     def _pacing(self, pacing: Pacing | None) -> Pacing | None:
         return pacing and replace(pacing, until_s_m=pacing.until_s_m + self.begin_m)
+
+    def _steered(self, steered: Pacing | Meeting | None) -> Pacing | Meeting | None:
+        if isinstance(steered, Meeting):
+            own_s_m, ego_s_m = steered.own_s_m + self.begin_m, steered.ego_s_m + self.begin_m
+            return replace(steered, own_s_m=own_s_m, ego_s_m=ego_s_m)
+        return self._pacing(steered)
 
     def _place(self, place: Place) -> Place:
         """Raises ValueError for a place on an on-ramp: chains have none."""

@@ -25,6 +25,10 @@ from raw2drive_ros.simulation.roads import SAMPLE_M, Edge, Marking, Pose, RoadMa
 
 # Arms, and the road before and beyond the chain, are shortened step by step where they would meet other roads.
 STEP_M, SHORTEST_M = 15.0, 35.0
+# An on-ramp: straight before its curve, as its path counts it, the curve, and the way from the acceleration lane into the
+# next one.
+RAMP_BEFORE_M, RAMP_RAD, RAMP_RADIUS_M, RAMP_BLEND_M = 60.0, math.radians(14.0), 120.0, 30.0
+RAMP_CURVE_M = RAMP_RAD * RAMP_RADIUS_M
 # Spacing of the points by which roads are kept apart.
 COARSE_M = 4.0
 
@@ -189,16 +193,16 @@ class RoadBuilder:
         road, layout = self.road, self.layout
         start = advance(end, -length)
         offset = -(layout.forward_lanes + 0.5) * self.width
-        angle, radius = (0.001 if straight else math.radians(14.0)), 120.0
+        angle, radius = (0.001 if straight else RAMP_RAD), RAMP_RADIUS_M
         join = advance(start, 0.0, offset)
         arc_length = radius * angle
         along, aside = radius * math.sin(angle), radius * (1 - math.cos(angle))
         # The ramp approaches from the right and curves right until it is parallel to the road.
         arc_start = advance(join, -along, -aside, angle)
         # Arc length 0 of the ramp's path is 60 m before the curve; the ramp comes from out of sight.
-        before = DROP_BEFORE_M if straight else 60.0 + LEAD_M
+        before = DROP_BEFORE_M if straight else RAMP_BEFORE_M + LEAD_M
         far = advance(arc_start, -before)
-        blend_m = 30.0
+        blend_m = RAMP_BLEND_M
         self.add((f'r{index}a', f'r{index}b'), far, before, 0.0)
         self.add((f'r{index}b', f'r{index}c'), arc_start, arc_length, -1 / radius)
         self.add((f'r{index}c', f'r{index}d'), join, length - blend_m, 0.0)

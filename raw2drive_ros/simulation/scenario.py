@@ -16,7 +16,7 @@ from raw2drive_ros.contracts.errors import UnknownScenarioError
 from raw2drive_ros.contracts.near_names import unknown_name
 from raw2drive_ros.simulation.draws import Draw
 from raw2drive_ros.simulation.layout import RoadLayout
-from raw2drive_ros.simulation.scripts import Pacing, Script
+from raw2drive_ros.simulation.scripts import Meeting, Pacing, Script
 
 if TYPE_CHECKING:
     from raw2drive_ros.simulation.world import World
@@ -126,8 +126,9 @@ class CarSpec:
     which is also what it does when `then` is used up). target_speed_mps: None for `speed_mps`; below 0.05 it stands
     until a script sets another. yields: keeps to the right of way; False: all others wait for it, it waits for nobody.
     obeys_lights: red lights. ignores_traffic: reacts to nobody at all. ignores_ego: not to a moving ego. meets_ego:
-    arrives together with the ego where their ways cross (`AcrossJunction` only). pacing: see `Pacing`. lateral_m: to
-    the left of its lane's middle. waits_for_s_m: it is built when the ego reaches this arc length of the route.
+    arrives together with the ego where their ways cross (`AcrossJunction` only). pacing: see `Pacing` and `Meeting`.
+    lateral_m: to the left of its lane's middle. waits_for_s_m: it is built when the ego reaches this arc length of the
+    route.
     """
 
     place: Place
@@ -142,7 +143,7 @@ class CarSpec:
     ignores_traffic: bool = False
     ignores_ego: bool = False
     meets_ego: bool = False
-    pacing: Pacing | None = None
+    pacing: Pacing | Meeting | None = None
     time_gap_s: float = 1.2
     waits_for_s_m: float = 0.0
 

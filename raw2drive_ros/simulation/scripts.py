@@ -77,15 +77,21 @@ class Meeting:
 
     own_s_m, ego_s_m: arc length of the point on the vehicle's path and on the ego's route. speeds_mps: limits of the
     vehicle's speed. The speed is controlled until the ego is `commit_m` away from the point, and constant after that.
+    release_m: beyond the point by so much, the vehicle is free again; until_left_m: it is when the ego is so near.
     """
 
     own_s_m: float
     ego_s_m: float
     speeds_mps: tuple[float, float] = (3.0, 12.0)
     commit_m: float = 9.0
+    release_m: float = math.inf
+    until_left_m: float = -math.inf
 
     def acceleration(self, world: World, vehicle: PathVehicle) -> float | None:
+        """Acceleration (m/s2), or None once it is over."""
         left, ego_left = self.own_s_m - vehicle.s_m, self.ego_s_m - world.route_s_m
+        if left < -self.release_m or ego_left < self.until_left_m:
+            return None
         if left <= 0.0 or ego_left < self.commit_m:
             return 0.0
         wanted = left * max(world.ego.speed, 1.0) / ego_left

@@ -2,115 +2,178 @@
 
 from __future__ import annotations
 
-from raw2drive_ros.simulation.draws import Rng
-from raw2drive_ros.simulation.flows import arriving, group_times
-from raw2drive_ros.simulation.layout import LANE_WIDTH_M, RoadLayout, Straight
+import math
+from dataclasses import replace
+
+from raw2drive_ros.simulation.draws import Draw
+from raw2drive_ros.simulation.layout import Piece, Straight
+from raw2drive_ros.simulation.road_builder import RAMP_BEFORE_M, RAMP_CURVE_M
 from raw2drive_ros.simulation.scenario import (
+    AlongRoad,
+    CarSpec,
     LaneChange,
+    OnRamp,
     RouteSpec,
     Scene,
     StandingSpec,
-    TrafficSpec,
     scenario,
 )
-from raw2drive_ros.simulation.scripts import Pacing, Script
+from raw2drive_ros.simulation.scenarios.parts import (
+    background,
+    bend,
+    layout,
+    parked_row,
+    stream,
+)
+from raw2drive_ros.simulation.scripts import Meeting, Script
 
-# Headways in a flow of traffic in the ego's direction, and the gaps that are large enough for the ego.
-ALONG_S, ROOM_S = (1.6, 2.0), (4.2, 5.2)
+# Headways in a stream in the ego's direction. Gaps for an ego that joins it: reaction, and room to get up to speed.
+ALONG_S, ROOM_S = (1.5, 1.9), 6.0
+# Where the way from an acceleration lane is within reach of a car in the next lane, before its end.
+JOINS_M = 17.0
+OTHER_LANES = ('beside', 'oncoming', 'cross')
+
+
+def _onward(draw: Draw, straight_m: float) -> tuple[Piece, ...]:
+    """The road after the event: straight, then with a bend or without."""
+    curve = bend(draw, 'onward_bend', 0.5)
+    if draw.choice('onward', ('straight', 'bend')) == 'straight':
+        return (Straight(straight_m + 50.0),)
+    return Straight(straight_m), curve, Straight(30.0)
+
+
+def _from_ramp(
+    draw: Draw, lanes: int, limit_mps: tuple[float, float], speed_mps: tuple[float, float], need_s: float
+) -> Scene:
+    """The ego comes from an on-ramp; a stream flows in the lane that it has to join."""
+    along = draw.uniform('acceleration_lane_m', 95.0, 145.0, key=True)
+    before = draw.uniform('before_m', 125.0, 160.0)
+    speed = draw.uniform('stream_mps', *speed_mps, key=True)
+    pieces = (Straight(before), Straight(along, ramp=True), *_onward(draw, 60.0))
+    road = layout(draw, pieces, (lanes, draw.choice('backward', (0, lanes))), limit_mps, (0.8, 1.8))
+    start = draw.uniform('start_s_m', -60.0, 0.0, key=True)
+    place = AlongRoad(before + along - JOINS_M, lanes - 1)
+    flow = replace(stream(draw, place, speed, need_s, headway_s=ALONG_S), armed_within_m=60.0)
+    ends = RAMP_BEFORE_M + RAMP_CURVE_M + along
+    route = RouteSpec(from_ramp=True, start_s_m=start, start_speed_mps=7.0)
+    event = (ends - along - 20.0, ends + 25.0)
+    return Scene(road, route, (flow,), background=background(draw, parked=False, lanes=OTHER_LANES), event_s_m=event)
 
 
 @scenario('MergerIntoSlowTraffic', 'Merging')
-def merge_from_ramp(rng: Rng) -> Scene:
+def merge_from_ramp(draw: Draw) -> Scene:
     """The ego merges from an on-ramp into slow traffic."""
-    speed = float(rng.uniform(6, 8))
-    layout = RoadLayout((Straight(130), Straight(110, ramp=True), Straight(110)), 2, 0, 13.0)
-    times = group_times(rng, float(rng.uniform(9, 11)), 21.0, ALONG_S, ROOM_S, 9.0, groups=3)
-    traffic = arriving(times, 'forward', 225.0, speed, lane=1, has_priority=False)
-    return Scene(layout, RouteSpec(from_ramp=True, start_speed_mps=6.0), traffic)
+    return _from_ramp(draw, 2, (12.0, 14.5), (6.5, 8.5), ROOM_S)
 
 
 @scenario('MergerIntoSlowTrafficV2', 'Merging')
-def merge_from_ramp_into_dense_traffic(rng: Rng) -> Scene:
+def merge_from_ramp_into_dense_traffic(draw: Draw) -> Scene:
     """The ego merges from an on-ramp into the slow right lane of a three-lane road."""
-    speed = float(rng.uniform(4, 6))
-    layout = RoadLayout((Straight(130), Straight(120, ramp=True), Straight(110)), 3, 0, 13.0)
-    times = group_times(rng, float(rng.uniform(9, 11)), 24.0, (2.0, 2.5), (5.0, 6.5), 12.0, groups=3)
-    slow = arriving(times, 'forward', 235.0, speed, lane=2, has_priority=False)
-    fast = tuple(TrafficSpec('forward', float(s), speed * 1.6, lane=1) for s in (40, 95, 150))
-    return Scene(layout, RouteSpec(from_ramp=True, start_speed_mps=6.0), (*slow, *fast))
+    return _from_ramp(draw, 3, (11.0, 13.5), (4.5, 6.5), ROOM_S + 0.5)
 
 
 @scenario('HighwayCutIn', 'Merging')
-def highway_cut_in(rng: Rng) -> Scene:
-    """A car in the left lane keeps pace with the ego, then cuts in close ahead and brakes."""
-    speed = float(rng.uniform(8, 11))
-    where = float(rng.uniform(55, 85))
-    cutter = TrafficSpec(
-        'forward',
-        s_m=float(rng.uniform(14, 22)),
-        speed_mps=speed,
-        lane=0,
-        scripts=(
-            Script(ego_at_s_m=where, drift_m=-LANE_WIDTH_M, drift_over_m=float(rng.uniform(12, 16))),
-            Script(ego_at_s_m=where, acceleration_mps2=-float(rng.uniform(3.0, 4.5)), until_speed_mps=4.0),
-        ),
-        pacing=Pacing(float(rng.uniform(6.5, 9.0)), where),
+def highway_cut_in(draw: Draw) -> Scene:
+    """A slower car from an on-ramp cuts in right in front of the ego, then accelerates."""
+    lanes = draw.choice('lanes', (2, 3), key=True)
+    before = draw.uniform('event_s_m', 90.0, 170.0, key=True)
+    along = draw.uniform('acceleration_lane_m', 90.0, 120.0, key=True)
+    share = draw.uniform('speed_share', 0.5, 0.62, key=True)
+    ahead_s = draw.uniform('ahead_s', 0.35, 0.45)
+    pieces = (Straight(before), Straight(along, ramp=True), *_onward(draw, 90.0))
+    road = layout(draw, pieces, (lanes, 0), (12.5, 14.5), (0.8, 1.8))
+    start = 6.0
+    # The car comes to where its way meets the ego's lane when the ego is `ahead_s` behind it: at whatever speed the ego
+    # drives, the car has `share` of it, because it begins at that share of the ego's distance.
+    own, ego = RAMP_BEFORE_M + RAMP_CURVE_M + along - JOINS_M, before + along - JOINS_M
+    begins = own - share * (ego - start)
+    limit = road.speed_limit_mps
+    ego -= 4.9 + ahead_s * (1.0 - share) * 0.8 * limit
+    signal = Script(ego_due=(ego, draw.uniform('signal_s', 2.0, 2.6)), indicator='left')
+    meeting = Meeting(own, ego, (1.2, 10.0), 30.0, release_m=18.0, until_left_m=-math.inf if draw.event else 46.0)
+    lets_pass = (
+        Script(ego_at_s_m=ego - 45.0, acceleration_mps2=-2.5, lasts_s=1.8),
+        Script(ego_at_s_m=ego - 45.0, target_speed_mps=1.2),
+        Script(ego_at_s_m=ego + 10.0, target_speed_mps=0.8 * limit),
     )
-    others = tuple(TrafficSpec('forward', float(s), speed, lane=int(rng.choice((0, 2)))) for s in (70, 95, 120))
-    layout = RoadLayout((Straight(260),), 3, 0, 14.0)
-    return Scene(layout, RouteSpec(lane=1, start_speed_mps=speed * 0.8), (cutter, *others))
-
-
-@scenario('SequentialLaneChange', 'Merging')
-def sequential_lane_change(rng: Rng) -> Scene:
-    """The route requires two lane changes through moving traffic."""
-    speed = float(rng.uniform(6.5, 8.5))
-    start = int(rng.choice((0, 2)))
-    first, second = float(rng.uniform(65, 80)), float(rng.uniform(140, 155))
-    changes = (LaneChange(first, 1, 25), LaneChange(second, 2 - start, 25))
-    middle = arriving(
-        group_times(rng, float(rng.uniform(4, 6)), 17.0, ALONG_S, ROOM_S, 8.0, groups=3),
-        'forward',
-        first + 12.0,
-        speed,
-        lane=1,
-        has_priority=False,
-    )
-    far = arriving(
-        group_times(rng, float(rng.uniform(12, 15)), 27.0, ALONG_S, ROOM_S, 8.0, groups=3),
-        'forward',
-        second + 12.0,
-        speed,
-        lane=2 - start,
-        has_priority=False,
-    )
-    layout = RoadLayout((Straight(270),), 3, 0, 11.0)
-    return Scene(layout, RouteSpec(start, changes, start_speed_mps=6.0), (*middle, *far))
+    scripts = (signal,) if draw.event else lets_pass
+    car = CarSpec(OnRamp(begins), share * 0.8 * limit, 0.8 * limit, scripts=scripts, pacing=meeting)
+    route = RouteSpec(lanes - 1, start_s_m=start, start_speed_mps=9.0)
+    event = (before + 10.0, before + along + 40.0)
+    return Scene(road, route, (car,), background=background(draw, parked=False, lanes=OTHER_LANES), event_s_m=event)
 
 
 @scenario('HighwayExit', 'Merging')
-def highway_exit(rng: Rng) -> Scene:
+def highway_exit(draw: Draw) -> Scene:
     """The ego leaves the left lane, crosses the traffic of the right one and takes an exit."""
-    speed = float(rng.uniform(7, 9))
-    layout = RoadLayout((Straight(120), Straight(100, exit=True), Straight(70)), 2, 0, 13.0)
-    first = float(rng.uniform(50, 65))
-    changes = (LaneChange(first, 1, 28), LaneChange(155.0, 2, 30))
-    times = group_times(rng, float(rng.uniform(3, 4)), 15.0, ALONG_S, ROOM_S, 8.0, groups=3)
-    traffic = arriving(times, 'forward', first + 14.0, speed, lane=1, has_priority=False)
-    return Scene(layout, RouteSpec(0, changes, to_exit=True, start_speed_mps=6.0), traffic)
+    before = draw.uniform('event_s_m', 125.0, 190.0, key=True)
+    along = draw.uniform('deceleration_lane_m', 95.0, 125.0, key=True)
+    speed = draw.uniform('stream_mps', 8.0, 9.5, key=True)
+    late = draw.uniform('change_m', 0.0, 20.0)
+    road = layout(
+        draw,
+        (Straight(before), Straight(along, exit=True), Straight(80.0)),
+        (2, draw.choice('backward', (0, 2))),
+        (10.5, 12.0),
+        (0.8, 1.8),
+    )
+    first = before - 75.0 + late
+    changes = LaneChange(first, 1, 28.0), LaneChange(before + 30.0, 2, 30.0)
+    flow = stream(draw, AlongRoad(first + 14.0, 1), speed, ROOM_S, headway_s=ALONG_S)
+    route = RouteSpec(0, changes, to_exit=True, start_speed_mps=8.0)
+    event = (first - 30.0, before + 60.0)
+    return Scene(road, route, (flow,), background=background(draw, parked=False, lanes=OTHER_LANES), event_s_m=event)
+
+
+@scenario('SequentialLaneChange', 'Merging')
+def sequential_lane_change(draw: Draw) -> Scene:
+    """The route requires two lane changes through moving traffic."""
+    speed = draw.uniform('stream_mps', 8.0, 9.5, key=True)
+    start = draw.choice('from_lane', (0, 2), key=True)
+    first = draw.uniform('event_s_m', 90.0, 160.0, key=True)
+    second = first + draw.uniform('apart_m', 75.0, 100.0, key=True)
+    changes = LaneChange(first, 1, 26.0), LaneChange(second, 2 - start, 26.0)
+    road = layout(
+        draw, (Straight(second + 60.0), *_onward(draw, 20.0)), (3, draw.choice('backward', (0, 3))), (10.5, 12.0)
+    )
+    middle = stream(draw, AlongRoad(first + 13.0, 1), speed, ROOM_S, 'middle', headway_s=ALONG_S)
+    far = stream(
+        draw, AlongRoad(second + 13.0, 2 - start), draw.uniform('far_mps', 8.0, 9.5), ROOM_S, 'far', headway_s=ALONG_S
+    )
+    # Who has waited for the first stream does not wait as long for the second one.
+    far = replace(far, first_gap_after_s=draw.uniform('far_gap_s', 6.0, 10.0))
+    event = (first - 30.0, second + 40.0)
+    route = RouteSpec(start, changes, start_speed_mps=8.0)
+    return Scene(
+        road, route, (middle, far), background=background(draw, parked=False, lanes=('oncoming',)), event_s_m=event
+    )
 
 
 @scenario('ParkingExit', 'Merging')
-def parking_exit(rng: Rng) -> Scene:
+def parking_exit(draw: Draw) -> Scene:
     """The ego leaves a parking bay between parked cars and joins the lane beside it."""
-    bay = (LANE_WIDTH_M / 2 + 1.3) / LANE_WIDTH_M
-    start = 30.0
-    # All parked cars stand in one row. The route leaves it, so those further on have a lateral offset from the route.
-    before = tuple(StandingSpec('parked', s, 0.0) for s in (start - 17.0, start - 8.0))
-    after = tuple(StandingSpec('parked', start + s, -bay * LANE_WIDTH_M) for s in (26.0, 33.0))
-    speed = float(rng.uniform(5.5, 7.5))
-    times = group_times(rng, float(rng.uniform(0.5, 1.2)), float(rng.uniform(9, 13)), (1.5, 1.8))
-    traffic = arriving(times, 'forward', start + 12.0, speed, has_priority=False)
-    layout = RoadLayout((Straight(170),), 1, 1, float(rng.uniform(8, 10)), shoulder_m=3.2)
-    route = RouteSpec(bay, (LaneChange(start + 3.0, 0, 15.0),), start_s_m=start)
-    return Scene(layout, route, (*before, *after, *traffic))
+    start = draw.uniform('start_s_m', 25.0, 60.0, key=True)
+    lanes = draw.choice('lanes', (1, 2), key=True)
+    speed = draw.uniform('stream_mps', 5.5, 7.5, key=True)
+    ahead = draw.uniform('room_ahead_m', 14.0, 20.0, key=True)
+    pieces = (Straight(start + 90.0), bend(draw, 'bend'), Straight(draw.uniform('after_m', 60.0, 110.0)))
+    road = layout(draw, pieces, (lanes, lanes), (9.0, 12.0), (2.9, 3.3))
+    lane = lanes - 1
+    beside = road.lane_width_m / 2 + 1.3
+    row = _row_beside(draw, start, ahead, beside)
+    flow = stream(draw, AlongRoad(start + 14.0, lane), speed, 5.4, headway_s=(1.4, 1.75))
+    flow = replace(flow, last_passes_m=None if draw.event else 8.0)
+    route = RouteSpec(lane + beside / road.lane_width_m, (LaneChange(start + 3.0, lane, 15.0),), start_s_m=start)
+    return Scene(
+        road,
+        route,
+        (*row, flow),
+        background=background(draw, parked=False, lanes=OTHER_LANES),
+        event_s_m=(start, start + 45.0),
+    )
+
+
+def _row_beside(draw: Draw, start_m: float, ahead_m: float, beside_m: float) -> tuple[StandingSpec, ...]:
+    """Cars parked in one row with the ego. The route leaves it, so those further on have an offset from the route."""
+    behind = parked_row(draw, 'behind', start_m - 24.0, start_m - 7.0, 0.0)
+    return (*behind, *parked_row(draw, 'ahead', start_m + ahead_m + 3.0, start_m + 70.0, -beside_m))

@@ -110,7 +110,7 @@ def _without_strip(scene: Scene) -> Scene:
 
 def _broken_down(draw: Draw, road: RoadLayout, where_m: float) -> tuple[StandingSpec, ...]:
     """A car or van that stands in the lane; in the twin on the shoulder."""
-    kind = draw.choice('kind', ('parked', 'parked_van'))
+    kind = draw.choice('kind', ('parked', 'parked_van'), key=True)
     lateral, yaw = draw.uniform('lateral_m', -0.3, 0.2), draw.uniform('yaw_rad', -0.06, 0.06)
     return (StandingSpec(kind, where_m - 3.0, lateral if draw.event else _beside(road), yaw),)
 
@@ -118,7 +118,7 @@ def _broken_down(draw: Draw, road: RoadLayout, where_m: float) -> tuple[Standing
 def _road_works(draw: Draw, road: RoadLayout, where_m: float) -> tuple[StandingSpec, ...]:
     """A taper of cones and barriers that closes the lane, 16 m long; in the twin the same beside it."""
     count = draw.integer('cones', 4, 6)
-    barriers = draw.integer('barriers', 1, 2)
+    barriers = draw.integer('barriers', 1, 2, key=True)
     half = road.lane_width_m / 2
     begin, end = (-half + 0.2, 0.7) if draw.event else (_beside(road) - 0.3, _beside(road) + 0.3)
     step = 9.0 / (count - 1)
@@ -131,7 +131,7 @@ def _road_works(draw: Draw, road: RoadLayout, where_m: float) -> tuple[StandingS
 
 def _crash(draw: Draw, road: RoadLayout, where_m: float) -> tuple[StandingSpec, ...]:
     """Two crashed cars, and a police van behind them, 18 m long; in the twin they stand on the shoulder."""
-    turned = draw.uniform('turned_rad', 0.15, 0.35) * draw.side('turned_side')
+    turned = draw.uniform('turned_rad', 0.15, 0.35) * draw.side('turned_side', key=True)
     lateral = draw.uniform('lateral_m', -0.2, 0.2)
     aside = _beside(road, 1.05)
     gap = draw.uniform('crash_gap_m', 4.9, 5.4)
@@ -237,16 +237,16 @@ def slow_cyclists_two_ways(draw: Draw) -> Scene:
 def opening_door(draw: Draw) -> Scene:
     """The door of a parked car opens into the ego's narrow lane; passing it takes a part of the oncoming one."""
     road, where = _two_ways(draw, 0.0)
-    road = replace(road, lane_width_m=draw.uniform('narrow_m', 3.0, 3.2))
-    # Cars are parked with their wheels on the line, on both sides, so that oncoming ones keep to the middle of the
+    road = replace(road, lane_width_m=draw.uniform('narrow_m', 3.1, 3.4))
+    # Cars are parked with their wheels beyond the line, on both sides, so that oncoming ones keep to the middle of the
     # road: between those and the door is no way.
-    near_side = -road.lane_width_m / 2 + draw.uniform('over_line_m', 0.2, 0.3)
+    near_side = -draw.uniform('near_side_m', 1.2, 1.25)
     due = draw.uniform('due_s', 2.0, 2.6, key=True)
     parked = tuple(StandingSpec('parked', where + gap, near_side - 0.9) for gap in (-7.2, 0.0, 7.4))
     row = parked_row(draw, 'row', 30.0, where + 60.0, near_side - 1.05, (where - 11.0, where + 11.0))
     aside = 1.5 * road.lane_width_m + 0.9
     opposite = parked_row(draw, 'opposite', where - 40.0, where + 70.0, aside)
     door = DoorSpec(where + 0.5, near_side, due, happens=draw.event)
-    flow = replace(_oncoming(draw, where + 4.0, 8.0, 12.0), lateral_m=draw.uniform('to_middle_m', 0.5, 0.6))
+    flow = replace(_oncoming(draw, where + 4.0, 8.0, 12.0), lateral_m=road.lane_width_m - 2.7)
     detour = LaneChange(where - 20.0, -0.5, 14.0), LaneChange(where + 8.0, 0, 14.0)
     return _without_strip(_scene(draw, road, 0, where, 0.0, (*parked, door, *row, *opposite, flow), detour))
