@@ -25,8 +25,8 @@ from raw2drive_ros.simulation.roads import SAMPLE_M, Edge, Marking, Pose, RoadMa
 
 # Arms, and the road before and beyond the chain, are shortened step by step where they would meet other roads.
 STEP_M, SHORTEST_M = 15.0, 35.0
-# An on-ramp: straight before its curve, as its path counts it, the curve, and the way from the acceleration lane into the
-# next one.
+# An on-ramp: straight before its curve, as its path counts it, the curve, and the way from the acceleration lane into
+# the next one.
 RAMP_BEFORE_M, RAMP_RAD, RAMP_RADIUS_M, RAMP_BLEND_M = 60.0, math.radians(14.0), 120.0, 30.0
 RAMP_CURVE_M = RAMP_RAD * RAMP_RADIUS_M
 # Spacing of the points by which roads are kept apart.

@@ -43,7 +43,11 @@ def _onward(draw: Draw, straight_m: float) -> tuple[Piece, ...]:
 
 
 def _from_ramp(
-    draw: Draw, lanes: int, limit_mps: tuple[float, float], speed_mps: tuple[float, float], need_s: float
+    draw: Draw,
+    lanes: int,
+    limit_mps: tuple[float, float],
+    speed_mps: tuple[float, float],
+    headway_s: tuple[float, float],
 ) -> Scene:
     """The ego comes from an on-ramp; a stream flows in the lane that it has to join."""
     along = draw.uniform('acceleration_lane_m', 95.0, 145.0, key=True)
@@ -53,7 +57,7 @@ def _from_ramp(
     road = layout(draw, pieces, (lanes, draw.choice('backward', (0, lanes))), limit_mps, (0.8, 1.8))
     start = draw.uniform('start_s_m', -60.0, 0.0, key=True)
     place = AlongRoad(before + along - JOINS_M, lanes - 1)
-    flow = replace(stream(draw, place, speed, need_s, headway_s=ALONG_S), armed_within_m=60.0)
+    flow = replace(stream(draw, place, speed, ROOM_S, headway_s=headway_s), armed_within_m=60.0)
     ends = RAMP_BEFORE_M + RAMP_CURVE_M + along
     route = RouteSpec(from_ramp=True, start_s_m=start, start_speed_mps=7.0)
     event = (ends - along - 20.0, ends + 25.0)
@@ -63,13 +67,13 @@ def _from_ramp(
 @scenario('MergerIntoSlowTraffic', 'Merging')
 def merge_from_ramp(draw: Draw) -> Scene:
     """The ego merges from an on-ramp into slow traffic."""
-    return _from_ramp(draw, 2, (12.0, 14.5), (6.5, 8.5), ROOM_S)
+    return _from_ramp(draw, 2, (12.0, 14.5), (5.5, 7.5), (1.55, 1.8))
 
 
 @scenario('MergerIntoSlowTrafficV2', 'Merging')
 def merge_from_ramp_into_dense_traffic(draw: Draw) -> Scene:
     """The ego merges from an on-ramp into the slow right lane of a three-lane road."""
-    return _from_ramp(draw, 3, (11.0, 13.5), (4.5, 6.5), ROOM_S + 0.5)
+    return _from_ramp(draw, 3, (11.0, 13.5), (4.5, 6.0), (1.8, 2.0))
 
 
 @scenario('HighwayCutIn', 'Merging')

@@ -241,9 +241,9 @@ def opening_door(draw: Draw) -> Scene:
     # Cars are parked with their wheels beyond the line, on both sides, so that oncoming ones keep to the middle of the
     # road: between those and the door is no way.
     near_side = -draw.uniform('near_side_m', 1.2, 1.25)
-    due = draw.uniform('due_s', 2.0, 2.6, key=True)
-    parked = tuple(StandingSpec('parked', where + gap, near_side - 0.9) for gap in (-7.2, 0.0, 7.4))
-    row = parked_row(draw, 'row', 30.0, where + 60.0, near_side - 1.05, (where - 11.0, where + 11.0))
+    due = draw.uniform('due_s', 2.8, 3.6, key=True)
+    parked = tuple(StandingSpec('parked', where + gap, near_side - 0.9) for gap in (0.0, 7.4))
+    row = parked_row(draw, 'row', 30.0, where + 60.0, near_side - 1.05, (where - 20.0, where + 11.0))
     aside = 1.5 * road.lane_width_m + 0.9
     opposite = parked_row(draw, 'opposite', where - 40.0, where + 70.0, aside)
     door = DoorSpec(where + 0.5, near_side, due, happens=draw.event)
