@@ -89,9 +89,9 @@ class Background:
     def _class_of(self, ref: LaneRef) -> str:
         if ref in self.own:
             return 'own'
-        if ref[:2] in self.book.road.forward:
+        if ref[:2] in self.book.road.lanes_along(oncoming=False):
             return 'beside'
-        return 'oncoming' if ref[:2] in self.book.road.backward else 'cross'
+        return 'oncoming' if ref[:2] in self.book.road.lanes_along(oncoming=True) else 'cross'
 
     def _leads_out(self, ref: LaneRef) -> bool:
         """Whether a car on the lane can go on to the edge of the map, on lanes that it may use."""

@@ -185,7 +185,8 @@ class BackgroundSpec:
     density: none, light, medium or dense. parked: share of the places beside the road with a parked car. bystanders,
     cyclists: number per 100 m of road, and on the whole road. lanes: own (the ego's), beside (others in its direction),
     oncoming, cross (arms of junctions). No background uses a lane that leads to the point of a `FlowSpec`, nor one that
-    a standing object blocks.
+    a standing object blocks. clear_m: stretch of the route beside which nobody stands or is parked, so that an obstacle
+    may be in the lane or beside it.
     """
 
     density: str = 'medium'
@@ -193,6 +194,7 @@ class BackgroundSpec:
     bystanders: int = 0
     cyclists: int = 0
     lanes: tuple[str, ...] = ('own', 'beside', 'oncoming', 'cross')
+    clear_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.density not in DENSITIES or not set(self.lanes) <= set(LANE_CLASSES):

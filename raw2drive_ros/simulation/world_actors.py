@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 # The conflict point of two paths is looked for within this distance of the junction's square.
 JUNCTION_REACH_M = 2.0
+# Points, so far apart, stand for a stretch that is kept clear.
+CLEAR_STEP_M = 3.0
 # Cycle of a light that the scene does not programme: (green, red) for the ego's approach.
 CYCLE_S = (12.0, 16.0)
 
@@ -127,10 +129,10 @@ class WorldBuilder:
         return found
 
     def own_lanes(self) -> set[LaneRef]:
-        """The lanes of the route outside of junctions."""
+        """The lanes of the route outside of junctions, before its start and beyond its end too."""
         lanes = {min(max(round(self.scene.route.lane), 0), self.scene.layout.forward_lanes - 1)}
         lanes |= {round(change.to_lane) for change in self.scene.route.changes}
-        return {(*edge, lane) for edge in self.road.forward for lane in lanes}
+        return {(*edge, lane) for edge in self.road.lanes_along(oncoming=False) for lane in lanes}
 
     # -- actors -----------------------------------------------------------------------------------
 
@@ -323,6 +325,8 @@ class WorldBuilder:
             if isinstance(spec_actor, CarSpec) and abs(spec_actor.lateral_m) > 1.0:
                 path, _, s_m = self.placed(spec_actor.place, spec_actor.then)
                 taken.append(np.array(path.pose(s_m, spec_actor.lateral_m)[:2]))
+        if spec.clear_m is not None:
+            taken += [np.array(self.world.route.pose(float(s))[:2]) for s in np.arange(*spec.clear_m, CLEAR_STEP_M)]
         sides = self._sides(spec)
         rng = self.world.draw.stream('roadside')
         return Roadside(

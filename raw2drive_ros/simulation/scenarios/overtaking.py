@@ -8,7 +8,6 @@ from raw2drive_ros.simulation.draws import Draw
 from raw2drive_ros.simulation.layout import RoadLayout, Straight
 from raw2drive_ros.simulation.scenario import (
     AlongRoad,
-    BackgroundSpec,
     CarSpec,
     DoorSpec,
     FlowSpec,
@@ -40,11 +39,6 @@ def _past(where_m: float, length_m: float, lane: int) -> tuple[LaneChange, ...]:
 def _past_oncoming(where_m: float, length_m: float) -> tuple[LaneChange, ...]:
     """Lane changes of the detour through the oncoming lane, around an obstacle of `length_m` that ends at `where_m`."""
     return LaneChange(where_m - length_m - 24.0, -1, SHIFT_M), LaneChange(where_m + 6.0, 0, SHIFT_M)
-
-
-def _traffic(draw: Draw) -> BackgroundSpec:
-    """Background traffic on all lanes but the ego's."""
-    return background(draw, lanes=OTHER_LANES)
 
 
 def _beside(road: RoadLayout, half_width_m: float = 0.95) -> float:
@@ -96,7 +90,9 @@ def _scene(
     """The scene with an obstacle of `length_m` that ends at `where_m`; the twin has no detour."""
     route = RouteSpec(lane, detour=detour if draw.event else (), start_speed_mps=7.0)
     event = (where_m - length_m - 40.0, where_m + 30.0)
-    return Scene(road, route, actors, background=_traffic(draw), event_s_m=event)
+    # Wide enough for the obstacle in the lane and beside it.
+    traffic = replace(background(draw, lanes=OTHER_LANES), clear_m=(where_m - length_m - 15.0, where_m + 15.0))
+    return Scene(road, route, actors, background=traffic, event_s_m=event)
 
 
 def _without_strip(scene: Scene) -> Scene:
