@@ -138,11 +138,15 @@ class Flow:
         self._extend(world, HIDDEN_M)
 
     def _end_s(self, world: World) -> float:
-        """When the last vehicle has to pass the point, after the ego's present speed; inf for an endless stream."""
+        """When the last vehicle has to pass the point, after the ego's present speed; inf for an endless stream.
+
+        At the start after the speed limit: what is in sight then cannot be taken back.
+        """
         if self.spec.last_passes_m is None:
             return math.inf
         left = self.ego_s_m - world.route_s_m - self.spec.last_passes_m
-        return world.time_s + max(0.0, left) / max(world.ego.speed, SLOWEST_EGO_MPS)
+        expected = world.scene.layout.speed_limit_mps if world.time_s == 0.0 else SLOWEST_EGO_MPS
+        return world.time_s + max(0.0, left) / max(world.ego.speed, expected)
 
     def _find_last(self, world: World) -> None:
         """Update when the last vehicle arrives: it may have been held up."""
@@ -201,6 +205,10 @@ class Flow:
         s_m = first
         if self.last_arrival_s > -math.inf:
             s_m = min(first, self.point_s_m - (self.last_arrival_s + self.spacing_s - world.time_s) * speed)
+        else:
+            # The stream begins where the ego's surroundings do: in the ego's direction it comes along beside the ego.
+            while s_m > 0.0 and world.ego_distance_m(path.pose(s_m)[:2]) > REACH_M:
+                s_m -= 2.0
         while s_m > 0.0 and world.ego_distance_m(path.pose(s_m)[:2]) < hidden_m:
             s_m -= 2.0
         return s_m

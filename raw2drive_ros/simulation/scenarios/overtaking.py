@@ -234,15 +234,15 @@ def opening_door(draw: Draw) -> Scene:
     """The door of a parked car opens into the ego's narrow lane; passing it takes a part of the oncoming one."""
     road, where = _two_ways(draw, 0.0)
     road = replace(road, lane_width_m=draw.uniform('narrow_m', 3.1, 3.4))
-    # Cars are parked with their wheels beyond the line, on both sides, so that oncoming ones keep to the middle of the
-    # road: between those and the door is no way.
+    # One car is parked with its wheels beyond the line. Cars on the other side make oncoming ones keep to the middle of
+    # the road: between those and the door is no way.
     near_side = -draw.uniform('near_side_m', 1.2, 1.25)
     due = draw.uniform('due_s', 2.8, 3.6, key=True)
-    parked = tuple(StandingSpec('parked', where + gap, near_side - 0.9) for gap in (0.0, 7.4))
-    row = parked_row(draw, 'row', 30.0, where + 60.0, near_side - 1.05, (where - 20.0, where + 11.0))
+    parked = StandingSpec('parked', where, near_side - 0.9)
+    row = parked_row(draw, 'row', 30.0, where + 50.0, -road.lane_width_m / 2 - 1.1, (where - 20.0, where + 22.0))
     aside = 1.5 * road.lane_width_m + 0.9
     opposite = parked_row(draw, 'opposite', where - 40.0, where + 70.0, aside)
     door = DoorSpec(where + 0.5, near_side, due, happens=draw.event)
-    flow = replace(_oncoming(draw, where + 4.0, 8.0, 12.0), lateral_m=road.lane_width_m - 2.7)
+    flow = replace(_oncoming(draw, where + 3.0, 6.0, 13.0), lateral_m=road.lane_width_m - 2.7)
     detour = LaneChange(where - 20.0, -0.5, 14.0), LaneChange(where + 8.0, 0, 14.0)
-    return _without_strip(_scene(draw, road, 0, where, 0.0, (*parked, door, *row, *opposite, flow), detour))
+    return _without_strip(_scene(draw, road, 0, where, 0.0, (parked, door, *row, *opposite, flow), detour))
