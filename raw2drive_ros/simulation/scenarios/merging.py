@@ -28,7 +28,7 @@ from raw2drive_ros.simulation.scenarios.parts import (
 from raw2drive_ros.simulation.scripts import Meeting, Script
 
 # Headways in a stream in the ego's direction. Gaps for an ego that joins it: reaction, and room to get up to speed.
-ALONG_S, ROOM_S = (1.5, 1.9), 6.0
+ALONG_S, ROOM_S, FROM_STANDING_S = (1.5, 1.9), 6.0, 7.5
 # Where the way from an acceleration lane is within reach of a car in the next lane, before its end.
 JOINS_M = 17.0
 OTHER_LANES = ('beside', 'oncoming', 'cross')
@@ -57,7 +57,9 @@ def _from_ramp(
     road = layout(draw, pieces, (lanes, draw.choice('backward', (0, lanes))), limit_mps, (0.8, 1.8))
     start = draw.uniform('start_s_m', -60.0, 0.0, key=True)
     place = AlongRoad(before + along - JOINS_M, lanes - 1)
-    flow = replace(stream(draw, place, speed, ROOM_S, headway_s=headway_s), armed_within_m=60.0)
+    flow = stream(draw, place, speed, ROOM_S, headway_s=headway_s)
+    # The ramp's arc lengths begin below 0.
+    flow = replace(flow, armed_within_m=60.0, from_s_m=-math.inf)
     ends = RAMP_BEFORE_M + RAMP_CURVE_M + along
     route = RouteSpec(from_ramp=True, start_s_m=start, start_speed_mps=7.0)
     event = (ends - along - 20.0, ends + 25.0)
@@ -132,18 +134,24 @@ def highway_exit(draw: Draw) -> Scene:
 @scenario('SequentialLaneChange', 'Merging')
 def sequential_lane_change(draw: Draw) -> Scene:
     """The route requires two lane changes through moving traffic."""
-    speed = draw.uniform('stream_mps', 8.0, 9.5, key=True)
+    speed = draw.uniform('stream_mps', 7.0, 8.5, key=True)
     start = draw.choice('from_lane', (0, 2), key=True)
     first = draw.uniform('event_s_m', 90.0, 160.0, key=True)
     second = first + draw.uniform('apart_m', 75.0, 100.0, key=True)
     changes = LaneChange(first, 1, 26.0), LaneChange(second, 2 - start, 26.0)
     road = layout(
-        draw, (Straight(second + 60.0), *_onward(draw, 20.0)), (3, draw.choice('backward', (0, 3))), (10.5, 12.0)
+        draw, (Straight(second + 60.0), *_onward(draw, 20.0)), (3, draw.choice('backward', (0, 3))), (10.0, 11.5)
     )
-    middle = stream(draw, AlongRoad(first + 13.0, 1), speed, ROOM_S, 'middle', headway_s=ALONG_S)
+    middle = stream(draw, AlongRoad(first + 13.0, 1), speed, FROM_STANDING_S, 'middle', headway_s=ALONG_S)
     far = stream(
-        draw, AlongRoad(second + 13.0, 2 - start), draw.uniform('far_mps', 8.0, 9.5), ROOM_S, 'far', headway_s=ALONG_S
+        draw,
+        AlongRoad(second + 13.0, 2 - start),
+        draw.uniform('far_mps', 7.0, 8.5),
+        FROM_STANDING_S,
+        'far',
+        headway_s=ALONG_S,
     )
+    middle = replace(middle, armed_within_m=60.0)
     # Who has waited for the first stream does not wait as long for the second one.
     far = replace(far, first_gap_after_s=draw.uniform('far_gap_s', 6.0, 10.0))
     event = (first - 30.0, second + 40.0)

@@ -51,7 +51,7 @@ def _blocked_lane(draw: Draw, length_m: float, beyond_m: float = BEYOND_M) -> tu
     lanes = draw.choice('lanes', (2, 3), key=True)
     before = draw.uniform('event_s_m', 140.0, 230.0, key=True)
     pieces = (*approach(draw, before - BEFORE_M), Straight(BEFORE_M + length_m + beyond_m))
-    road = layout(draw, pieces, (lanes, draw.choice('backward', (0, lanes))), (10.0, 13.5), (2.8, 3.4))
+    road = layout(draw, pieces, (lanes, draw.choice('backward', (0, lanes))), (10.0, 11.5), (2.8, 3.4))
     return road, road_length_m(pieces[:-1], road, lanes - 1) + BEFORE_M + length_m, lanes - 1
 
 
@@ -65,8 +65,8 @@ def _two_ways(draw: Draw, length_m: float, beyond_m: float = BEYOND_M) -> tuple[
 
 def _next_lane(draw: Draw, where_m: float, lane: int) -> FlowSpec:
     """A stream in the lane left of the ego's, with a point at `where_m`."""
-    speed = draw.uniform('stream_mps', 7.0, 9.0, key=True)
-    return stream(draw, AlongRoad(where_m, lane - 1), speed, 4.8, headway_s=(1.5, 1.9), passes=False)
+    speed = draw.uniform('stream_mps', 7.0, 8.5, key=True)
+    return stream(draw, AlongRoad(where_m, lane - 1), speed, 6.5, headway_s=(1.5, 1.9), passes=False)
 
 
 def _oncoming(draw: Draw, where_m: float, length_m: float, shift_m: float = SHIFT_M) -> FlowSpec:
