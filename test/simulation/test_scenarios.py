@@ -198,16 +198,6 @@ def test_a_tight_stream_lets_nobody_through_and_its_gap_does() -> None:
     assert group.max() < 2.6
 
 
-def test_the_cutter_keeps_beside_the_ego_until_it_cuts_in() -> None:
-    for throttle in (0.25, 0.45):
-        world = world_of('HighwayCutIn', 1).world
-        cutter = world.actors[0]
-        until = cutter.steered.until_s_m
-        while world.route_s_m < until - 2.0:
-            world.step(Control(throttle, 0.0, pursuit_steer(world)))
-        assert cutter.s_m - world.route_s_m == pytest.approx(cutter.steered.gap_m, abs=2.5)
-
-
 def test_traffic_of_a_later_event_waits_for_the_ego() -> None:
     world = world_of('LongRoute').world
     waiting = len(world.waiting)

@@ -69,13 +69,13 @@ def _from_ramp(
 @scenario('MergerIntoSlowTraffic', 'Merging')
 def merge_from_ramp(draw: Draw) -> Scene:
     """The ego merges from an on-ramp into slow traffic."""
-    return _from_ramp(draw, 2, (12.0, 14.5), (5.5, 7.5), (1.55, 1.8))
+    return _from_ramp(draw, 2, (9.0, 10.5), (5.5, 7.5), (1.55, 1.8))
 
 
 @scenario('MergerIntoSlowTrafficV2', 'Merging')
 def merge_from_ramp_into_dense_traffic(draw: Draw) -> Scene:
     """The ego merges from an on-ramp into the slow right lane of a three-lane road."""
-    return _from_ramp(draw, 3, (11.0, 13.5), (4.5, 6.0), (1.8, 2.0))
+    return _from_ramp(draw, 3, (9.0, 10.0), (4.5, 6.0), (1.8, 2.0))
 
 
 @scenario('HighwayCutIn', 'Merging')
@@ -84,25 +84,28 @@ def highway_cut_in(draw: Draw) -> Scene:
     lanes = draw.choice('lanes', (2, 3), key=True)
     before = draw.uniform('event_s_m', 90.0, 170.0, key=True)
     along = draw.uniform('acceleration_lane_m', 90.0, 120.0, key=True)
-    share = draw.uniform('speed_share', 0.5, 0.62, key=True)
-    ahead_s = draw.uniform('ahead_s', 0.35, 0.45)
-    pieces = (Straight(before), Straight(along, ramp=True), *_onward(draw, 90.0))
-    road = layout(draw, pieces, (lanes, 0), (12.5, 14.5), (0.8, 1.8))
+    share = draw.uniform('speed_share', 0.36, 0.48, key=True)
+    ahead_s = draw.uniform('ahead_s', 0.3, 0.38)
+    pieces = (Straight(before), Straight(along, ramp=True), *_onward(draw, 130.0))
+    road = layout(draw, pieces, (lanes, 0), (14.0, 15.0), (0.8, 1.8))
     start = 6.0
     # The car comes to where its way meets the ego's lane when the ego is `ahead_s` behind it: at whatever speed the ego
-    # drives, the car has `share` of it, because it begins at that share of the ego's distance.
+    # drives, the car has `share` of it, because it begins at that share of the ego's distance. `ahead_s` is that of an
+    # ego at half the limit: nobody who feels his way with a bumper may be able to drive faster.
     own, ego = RAMP_BEFORE_M + RAMP_CURVE_M + along - JOINS_M, before + along - JOINS_M
     begins = own - share * (ego - start)
     limit = road.speed_limit_mps
-    ego -= 4.9 + ahead_s * (1.0 - share) * 0.8 * limit
+    ego -= 4.9 + ahead_s * (1.0 - share) * 0.45 * limit
     signal = Script(ego_due=(ego, draw.uniform('signal_s', 2.0, 2.6)), indicator='left')
-    meeting = Meeting(own, ego, (1.2, 10.0), 30.0, release_m=18.0, until_left_m=-math.inf if draw.event else 46.0)
+    meeting = Meeting(own, ego, (1.2, 10.0), 30.0, release_m=1.0, until_left_m=-math.inf if draw.event else 46.0)
     lets_pass = (
         Script(ego_at_s_m=ego - 45.0, acceleration_mps2=-2.5, lasts_s=1.8),
-        Script(ego_at_s_m=ego - 45.0, target_speed_mps=1.2),
+        Script(ego_at_s_m=ego - 45.0, target_speed_mps=0.6),
         Script(ego_at_s_m=ego + 10.0, target_speed_mps=0.8 * limit),
     )
-    scripts = (signal,) if draw.event else lets_pass
+    # It brakes for a moment, as those do who see late how fast the others are.
+    brakes = Script(ego_at_s_m=ego - 1.0, acceleration_mps2=-6.0, until_speed_mps=1.0, lasts_s=0.9)
+    scripts = (signal, brakes) if draw.event else lets_pass
     car = CarSpec(OnRamp(begins), share * 0.8 * limit, 0.8 * limit, scripts=scripts, pacing=meeting)
     route = RouteSpec(lanes - 1, start_s_m=start, start_speed_mps=9.0)
     event = (before + 10.0, before + along + 40.0)
