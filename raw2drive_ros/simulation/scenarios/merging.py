@@ -53,7 +53,7 @@ def _from_ramp(
     along = draw.uniform('acceleration_lane_m', 95.0, 145.0, key=True)
     before = draw.uniform('before_m', 125.0, 160.0)
     speed = draw.uniform('stream_mps', *speed_mps, key=True)
-    pieces = (Straight(before), Straight(along, ramp=True), *_onward(draw, 60.0))
+    pieces = (Straight(before), Straight(along, ramp=True), *_onward(draw, 25.0))
     road = layout(draw, pieces, (lanes, draw.choice('backward', (0, lanes))), limit_mps, (0.8, 1.8))
     start = draw.uniform('start_s_m', -60.0, 0.0, key=True)
     place = AlongRoad(before + along - JOINS_M, lanes - 1)
