@@ -162,6 +162,11 @@ class LaneMap:
                 places.append(Place(lane, s, lateral, error))
         return places
 
+    def has_lane_beside(self, place: Place, side: int) -> bool:
+        """Whether a lane of the same direction runs `side` lanes to the left of a place."""
+        pose = np.array([self.lanes[place.lane].pose(place.s_m, side * self.width_m)])
+        return any(abs(found.lateral_m) < 0.3 * self.width_m for found in self.places(pose)[0])
+
     def continuations(self, lane: int, reach_m: float) -> list[Continuation]:
         """Every way on from the start of a lane, until `reach_m` beyond its end."""
         reach = next((r for r in REACHES_M if r >= reach_m), REACHES_M[-1])

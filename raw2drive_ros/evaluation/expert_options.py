@@ -31,7 +31,7 @@ ANOTHER_LANE_M = 0.8
 KEEP_FOR_M = (20.0, 45.0, 80.0)
 WALL_SHORT_M = 4.0
 EMERGENCY_BEHIND_M = 70.0
-NEAR_SIDE_M = 1.3
+NEAR_SIDE_M, NO_SHIFT_BEFORE_M = 1.3, 12.0
 # Metres of progress per lane between the route and another lane, this far ahead.
 LANE_COST, AWAY_AT_M = 4.0, 60.0
 # The nearer the end of a lane, the more it costs to stay in it.
@@ -208,7 +208,9 @@ def _slow_leader(situation: Situation) -> bool:
 def _small_shifts(situation: Situation) -> list[Option]:
     """A little to the left or right within the lane, where something is close to the ego's way."""
     view = situation.forecast
-    if abs(situation.d) > ANOTHER_LANE_M + 0.7:
+    span = situation.lanes.next_span(situation.s)
+    if abs(situation.d) > ANOTHER_LANE_M + 0.7 or (span is not None and span[0] - situation.s < NO_SHIFT_BEFORE_M):
+        # Corners of junctions are tight: no room beside the route.
         return []
     ahead = (view.s > situation.s - 3.0) & (view.s < situation.s + 50.0)
     gap = np.abs(view.d) - view.half_d - HALF_WIDTH_M

@@ -28,7 +28,7 @@ DRIFT_RAD, DRIFT_MPS = 0.035, 0.25
 # Somebody who must stop is expected to do so if this deceleration is enough.
 STOPS_WITH_MPS2, SURE_MPS2 = 4.0, 2.5
 REACH_MARGIN_M = 25.0
-INDICATES_DRIFT_S = 3.0
+INDICATES_DRIFT_S, SWERVES_FOR_S = 3.0, 0.8
 TURN_SPEED_MPS = 7.0
 WATCHED_M, WATCHED_STANDING_M = 110.0, 85.0
 # Cars that turn indicate it from this distance on; one that is slower than this so close before a junction may turn.
@@ -154,8 +154,13 @@ def _drift(hypothesis: Hypothesis, place: Place, lanes: LaneMap) -> None:
             hypothesis.drift_mps = side * width / INDICATES_DRIFT_S
         return
     side = math.copysign(1.0, across)
-    inwards = place.lateral_m * side < -0.2
-    hypothesis.to_lateral_m = 0.0 if inwards else side * width
+    if place.lateral_m * side < -0.2:
+        hypothesis.to_lateral_m = 0.0
+    elif lanes.has_lane_beside(place, round(side)):
+        hypothesis.to_lateral_m = side * width
+    else:
+        # Nobody changes into the lane of oncoming traffic or onto the verge: it cuts a curve or swerves.
+        hypothesis.to_lateral_m = place.lateral_m + SWERVES_FOR_S * across
     hypothesis.drift_mps = across
 
 
