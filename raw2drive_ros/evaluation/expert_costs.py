@@ -27,7 +27,7 @@ HARSH_MPS2 = 2.6
 FEARED_MPS2 = 3.2
 STANDING_MPS = 0.3
 NEAR_M = 9.0
-OFFSET_COST = 0.25
+OFFSET_COST, START_COST = 0.25, 60.0
 SIDEWAYS, SIDEWAYS_MPS2, UNDRIVABLE, UNDRIVABLE_MPS2 = 2.0, 2.5, 150.0, 6.5
 # To change one's mind costs this much per metre between the old way and the new one, so far ahead.
 CHANGE_COST, CHANGE_AHEAD_M, CHANGE_AHEAD_S = 2.0, 6.0, 2.0
@@ -79,6 +79,9 @@ def judge(
     own += OFFSET_COST * np.abs(driven.d).mean(axis=1)
     score = progress - harsh - own - (cost.max(axis=1) + 0.1 * cost.sum(axis=1) if cost.size else 0.0)
     peak = cost.max(axis=1) if cost.size else np.zeros(len(chosen))
+    # Into the lane of oncoming traffic only where nothing speaks against it; on the way there is no use in hesitating.
+    starts = np.array([found[plan.option].starts for plan in chosen])
+    score = score - START_COST * (starts & (peak > 3.0))
     worst = np.where(peak > 0.0, cost.argmax(axis=1), -1) if cost.size else np.full(len(chosen), -1)
     return Verdict(score, worst, peak < 3.0, peak > 0.4 * COLLISION)
 
@@ -138,7 +141,8 @@ def contacts(situation: Situation, driven: Rollouts) -> tuple[NDArray[np.bool_],
     half_length, half_width = view.length[other] / 2, view.width[other] / 2
     soft = np.array([h.track.kind in SOFT for h in view.hypotheses])[other]
     wider = np.where(soft, WIDER_SOFT_M, WIDER_M)
-    crossing = np.abs(np.sin(relative)) > ACROSS_SIN
+    # Ahead of and behind those who cross the ego's way or come towards it.
+    crossing = (np.abs(np.sin(relative)) > ACROSS_SIN) | (np.cos(relative) < 0.0)
     speed = view.speed[other, time]
     longer = np.where(crossing, LONGER_M + LONGER_S * speed, LONGER_M) * (speed > STANDING_MPS)
     hit[pairs] = _overlap(along, across, relative, half_length + TOUCH_M, half_width + TOUCH_M)

@@ -31,6 +31,7 @@ ANOTHER_LANE_M = 0.8
 KEEP_FOR_M = (20.0, 45.0, 80.0)
 WALL_SHORT_M = 4.0
 EMERGENCY_BEHIND_M = 70.0
+RETURN_M = 1.5
 NEAR_SIDE_M, NO_SHIFT_BEFORE_M = 1.3, 12.0
 # Metres of progress per lane between the route and another lane, this far ahead.
 LANE_COST, AWAY_AT_M = 4.0, 60.0
@@ -47,7 +48,8 @@ LOST_LANES = 1.3
 class Option:
     """offset: (G,) lateral offset from the route. stop_m: where the front has to stop, inf without. why: reason of
     the stop. cost: metres of progress that it has to be better by. oncoming: uses a lane of oncoming traffic.
-    about: whom it gets around."""
+    about: whom it gets around. starts: it
+    enters that lane, and the ego could still stay out of it."""
 
     name: str
     offset: Float64
@@ -57,6 +59,7 @@ class Option:
     oncoming: bool = False
     about: str = ''
     anchor: Anchor | None = None
+    starts: bool = False
 
     @property
     def family(self) -> str:
@@ -172,9 +175,12 @@ def _around(situation: Situation, zone: Zone, across_m: float, *, oncoming: bool
         offset = later(straight, target, grid, start, over)
     if back_from > situation.s or oncoming:
         offset = later(offset, np.zeros_like(grid), grid, max(back_from, situation.s), max(12.0, 0.8 * over))
+    starts = oncoming and situation.front_m < zone.begin_m - RETURN_M
     name = f'pass {"left" if across_m > 0.0 else "right"}'
     cost = 2.0 if abs(across_m) < 0.5 * width else 3.0
-    return Option(name, offset, cost=cost + 2.0 * oncoming, oncoming=oncoming, about=zone.name, anchor=anchor)
+    return Option(
+        name, offset, cost=cost + 2.0 * oncoming, oncoming=oncoming, about=zone.name, anchor=anchor, starts=starts
+    )
 
 
 def _emergency_behind(situation: Situation) -> float | None:

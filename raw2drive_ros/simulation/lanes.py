@@ -68,7 +68,7 @@ class ArcLane(AbstractLane):
         if abs(self.curvature) < 1e-9:
             return along, left
         radius = 1.0 / self.curvature
-        angle = math.atan2(along * math.copysign(1, radius), (radius - left) * math.copysign(1, radius))
+        angle = math.atan2(along, (radius - left) * math.copysign(1, radius))
         distance = math.hypot(along, radius - left)
         return angle * abs(radius), (abs(radius) - distance) * math.copysign(1, radius)
 

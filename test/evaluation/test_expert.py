@@ -9,9 +9,13 @@ from raw2drive_ros.evaluation.drivers import make_driver
 from raw2drive_ros.evaluation.episode import drive_route
 from raw2drive_ros.evaluation.expert import Expert, SteeringPush
 from raw2drive_ros.evaluation.expert_belief import MEMORY_S, Belief
+from raw2drive_ros.evaluation.expert_map import LaneMap, RouteFrame
+from raw2drive_ros.evaluation.expert_prediction import forecast, hypotheses
+from raw2drive_ros.evaluation.expert_rules import right_of_way
 from raw2drive_ros.simulation.actors import PathVehicle
 from raw2drive_ros.simulation.draws import Draw
 from raw2drive_ros.simulation.environment import DrivingEnv, SimulationConfig
+from raw2drive_ros.simulation.lanes import ArcLane
 from raw2drive_ros.simulation.route_id import RouteId
 from raw2drive_ros.simulation.scenario import get_scenario
 from raw2drive_ros.simulation.world import World
@@ -162,3 +166,27 @@ def test_it_is_brisk_on_a_free_road() -> None:
     assert drive.result.success
     at_limits = float(np.sum(0.5 / world.speed_limits[: int(2 * (distance + 6.0))]))
     assert drive.result.duration_s < 1.25 * at_limits
+
+
+@pytest.mark.parametrize('curvature', [0.05, 0.0, -0.05])
+def test_a_place_on_a_lane_is_found_again_whichever_way_it_bends(curvature) -> None:
+    lane = ArcLane((3.0, 4.0), 0.7, 25.0, curvature, 3.5, 10.0)
+    for place in ((2.0, 1.0), (20.0, -1.5)):
+        assert lane.local_coordinates(lane.pose(*place)[:2]) == pytest.approx(place)
+
+
+def test_cars_follow_their_lanes_as_their_indicators_say() -> None:
+    world, belief = world_of('NonSignalizedJunctionLeftTurn'), Belief()
+    belief.update(world, Everything())
+    lanes, frame = LaneMap(world), RouteFrame(world.route, world.route_s_m, 60.0, 140.0)
+    rules = right_of_way(world, lanes, belief, world.front_s_m)
+    nearest = min(belief.tracks.values(), key=lambda t: abs(t.x - 85.0))
+    goes = {}
+    for indicator in ('', 'left', 'right'):
+        nearest.indicator = indicator
+        found = [h for h in hypotheses(belief, lanes, rules, 12.0, (60.0, 0.0)) if h.track is nearest]
+        view = forecast(found, frame, 0.4 * np.arange(40))
+        goes[indicator] = math.remainder(float(view.yaw[0, -1]) - nearest.yaw, 2.0 * math.pi)
+    assert goes[''] == pytest.approx(0.0, abs=0.1)
+    assert goes['left'] == pytest.approx(math.pi / 2, abs=0.2)
+    assert goes['right'] == pytest.approx(-math.pi / 2, abs=0.2)
