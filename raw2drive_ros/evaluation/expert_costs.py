@@ -27,7 +27,7 @@ HARSH_MPS2 = 2.6
 FEARED_MPS2 = 3.2
 STANDING_MPS = 0.3
 NEAR_M = 9.0
-OFFSET_COST, START_COST = 0.25, 60.0
+OFFSET_COST, START_COST, IN_JUNCTION_COST = 0.25, 60.0, 25.0
 SIDEWAYS, SIDEWAYS_MPS2, UNDRIVABLE, UNDRIVABLE_MPS2 = 2.0, 2.5, 150.0, 6.5
 # To change one's mind costs this much per metre between the old way and the new one, so far ahead.
 CHANGE_COST, CHANGE_AHEAD_M, CHANGE_AHEAD_S = 2.0, 6.0, 2.0
@@ -80,8 +80,8 @@ def judge(
     score = progress - harsh - own - (cost.max(axis=1) + 0.1 * cost.sum(axis=1) if cost.size else 0.0)
     peak = cost.max(axis=1) if cost.size else np.zeros(len(chosen))
     # Into the lane of oncoming traffic only where nothing speaks against it; on the way there is no use in hesitating.
-    starts = np.array([found[plan.option].starts for plan in chosen])
-    score = score - START_COST * (starts & (peak > 3.0))
+    score = score - IN_JUNCTION_COST * _stops_inside(situation, driven)
+    score = score - START_COST * _starts_badly(found, chosen, driven, peak)
     worst = np.where(peak > 0.0, cost.argmax(axis=1), -1) if cost.size else np.full(len(chosen), -1)
     return Verdict(score, worst, peak < 3.0, peak > 0.4 * COLLISION)
 
@@ -94,6 +94,24 @@ def _change(situation: Situation, option: Option, before: tuple[Float64, Float64
     return CHANGE_COST * float(
         np.abs(np.interp(ahead, situation.grid, option.offset) - np.interp(ahead, *before)).max()
     )
+
+
+def _stops_inside(situation: Situation, driven: Rollouts) -> NDArray[np.bool_]:
+    """(P,) whether a plan that need not ends with standing in a junction."""
+    front = driven.s[:, -1] + HALF_LENGTH_M
+    inside = np.zeros(len(front), bool)
+    for enter, leave, _ in situation.lanes.spans:
+        if situation.front_m < enter + 0.5:
+            inside |= (front > enter + 0.3) & (front < leave + 2.0 * HALF_LENGTH_M)
+    return inside & (driven.speed[:, -1] < 1.0)
+
+
+def _starts_badly(found: list[Option], chosen: list[Plan], driven: Rollouts, peak: Float64) -> NDArray[np.bool_]:
+    """(P,) whether a plan enters the lane of oncoming traffic and is not clean, or does not come out of it again."""
+    starts = np.array([found[plan.option].starts for plan in chosen])
+    enters, leaves = np.array([found[plan.option].between_m for plan in chosen]).T
+    stays = (driven.s[:, -1] > enters) & (driven.s[:, -1] < leaves)
+    return starts & ((peak > 3.0) | stays)
 
 
 def _sideways(situation: Situation, found: list[Option], chosen: list[Plan], driven: Rollouts) -> Float64:

@@ -49,7 +49,8 @@ class Option:
     """offset: (G,) lateral offset from the route. stop_m: where the front has to stop, inf without. why: reason of
     the stop. cost: metres of progress that it has to be better by. oncoming: uses a lane of oncoming traffic.
     about: whom it gets around. starts: it
-    enters that lane, and the ego could still stay out of it."""
+    enters that lane, and the ego could still stay out of it. between_m: arc lengths
+    between which it is beside the obstacle."""
 
     name: str
     offset: Float64
@@ -60,6 +61,7 @@ class Option:
     about: str = ''
     anchor: Anchor | None = None
     starts: bool = False
+    between_m: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def family(self) -> str:
@@ -179,7 +181,14 @@ def _around(situation: Situation, zone: Zone, across_m: float, *, oncoming: bool
     name = f'pass {"left" if across_m > 0.0 else "right"}'
     cost = 2.0 if abs(across_m) < 0.5 * width else 3.0
     return Option(
-        name, offset, cost=cost + 2.0 * oncoming, oncoming=oncoming, about=zone.name, anchor=anchor, starts=starts
+        name,
+        offset,
+        cost=cost + 2.0 * oncoming,
+        oncoming=oncoming,
+        about=zone.name,
+        anchor=anchor,
+        starts=starts,
+        between_m=(out_by, back_from),
     )
 
 

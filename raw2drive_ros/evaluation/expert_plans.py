@@ -86,6 +86,8 @@ def plans(situation: Situation, found: list[Option]) -> list[Plan]:
             shares = (0.6 * stream[0], 0.85 * stream[0])
         for share in shares:
             chosen.append(Plan(index, share, stop, why=reason))
+        if option.family == 'route' and index:
+            chosen.append(Plan(index, 0.0, stop, brake=True, why=reason))
         if index > 4 and not option.oncoming:
             continue
         if situation.speed < 0.7 * situation.advised_mps and (near or option.oncoming or index > 0):

@@ -8,7 +8,7 @@ lanes, walks or rides across keeps speed and heading.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +28,7 @@ DRIFT_RAD, DRIFT_MPS = 0.035, 0.25
 # Somebody who must stop is expected to do so if this deceleration is enough.
 STOPS_WITH_MPS2, SURE_MPS2 = 4.0, 2.5
 REACH_MARGIN_M = 25.0
-INDICATES_DRIFT_S, SWERVES_FOR_S = 3.0, 0.8
+INDICATES_DRIFT_S, SWERVES_FOR_S, CUTS_IN_S, FAST_WEIGHT = 3.0, 0.8, 1.3, 0.7
 TURN_SPEED_MPS = 7.0
 WATCHED_M, WATCHED_STANDING_M = 110.0, 85.0
 # Cars that turn indicate it from this distance on; one that is slower than this so close before a junction may turn.
@@ -111,6 +111,7 @@ def _on_lanes(
             _drift(hypothesis, place, lanes)
             _slow_for_turn(hypothesis, place, way)
             found += _with_right_of_way(hypothesis, place, way, rules)
+            found += _cuts_in(hypothesis)
     if not found:
         return [Hypothesis(track, 1.0)]
     top = max(h.weight for h in found)
@@ -168,6 +169,16 @@ def _next(lanes: LaneMap, place: Place) -> list[int]:
     return lanes.successors[place.lane]
 
 
+def _cuts_in(hypothesis: Hypothesis) -> list[Hypothesis]:
+    """A car that moves towards another lane may do so within a moment."""
+    across = hypothesis.to_lateral_m - hypothesis.lateral_m
+    if hypothesis.drift_mps == 0.0 or abs(across) < 1.5 or hypothesis.track.speed < 1.0:
+        return []
+    fast = replace(hypothesis, weight=FAST_WEIGHT * hypothesis.weight)
+    fast.drift_mps = across / CUTS_IN_S
+    return [fast] if abs(fast.drift_mps) > abs(hypothesis.drift_mps) else []
+
+
 def _slow_for_turn(hypothesis: Hypothesis, place: Place, way: Continuation) -> None:
     """A car that turns slows down for it."""
     for _, enter, leave, turn in way.crossings:
@@ -189,8 +200,7 @@ def _with_right_of_way(hypothesis: Hypothesis, place: Place, way: Continuation, 
         needed = track.speed**2 / (2.0 * max(left_m, 0.3))
         if needed > STOPS_WITH_MPS2:
             return [hypothesis]
-        stops = Hypothesis(**{name: getattr(hypothesis, name) for name in Hypothesis.__slots__})
-        stops.stop_m = max(left_m, 0.0)
+        stops = replace(hypothesis, stop_m=max(left_m, 0.0))
         hypothesis.weight *= 0.1 + 0.5 * (needed > SURE_MPS2)
         return [stops, hypothesis] if needed > SURE_MPS2 or left_m < 1.0 else [stops]
     return [hypothesis]

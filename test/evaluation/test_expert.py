@@ -184,9 +184,9 @@ def test_cars_follow_their_lanes_as_their_indicators_say() -> None:
     goes = {}
     for indicator in ('', 'left', 'right'):
         nearest.indicator = indicator
-        found = [h for h in hypotheses(belief, lanes, rules, 12.0, (60.0, 0.0)) if h.track is nearest]
-        view = forecast(found, frame, 0.4 * np.arange(40))
-        goes[indicator] = math.remainder(float(view.yaw[0, -1]) - nearest.yaw, 2.0 * math.pi)
+        view = forecast(hypotheses(belief, lanes, rules, 12.0, (60.0, 0.0)), frame, 0.4 * np.arange(40))
+        row = next(i for i, h in enumerate(view.hypotheses) if h.track is nearest)
+        goes[indicator] = math.remainder(float(view.yaw[row, -1]) - nearest.yaw, 2.0 * math.pi)
     assert goes[''] == pytest.approx(0.0, abs=0.1)
     assert goes['left'] == pytest.approx(math.pi / 2, abs=0.2)
     assert goes['right'] == pytest.approx(-math.pi / 2, abs=0.2)
