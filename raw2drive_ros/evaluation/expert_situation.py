@@ -23,7 +23,7 @@ CLEAR_M, CLEAR_SOFT_M = 0.55, 0.9
 JOINED_M = 14.0
 BLOCKED_AFTER_S = 25.0
 SLOW_SHARE = 0.45
-BLOCKS_WITHIN_M = 85.0
+BLOCKS_WITHIN_M, JUNCTION_M = 85.0, 25.0
 SIGNAL_STOP_MPS2, LATE_MPS2, LINE_SHORT_M = 3.2, 6.5, 0.8
 
 
@@ -128,6 +128,8 @@ def zones(situation: Situation) -> list[Zone]:
         along = track.speed * math.cos(float(view.turned[i, 0]))
         standing = track.fixed or (track.standing_s > BLOCKED_AFTER_S and track.speed < STANDING_MPS)
         rides = track.kind == 'cyclist' and 0.5 < along < SLOW_SHARE * situation.advised_mps
+        # Nobody is overtaken at a junction.
+        rides = rides and not _near_junction(situation, float(view.s[i, 0]))
         if not (standing or rides):
             continue
         d, half = float(view.d[i, 0]), float(view.half_d[i, 0])
@@ -136,6 +138,10 @@ def zones(situation: Situation) -> list[Zone]:
         s, reach = float(view.s[i, 0]), float(view.half_s[i, 0])
         found.append(Zone(s - reach, s + reach, d - half, d + half, along, track.kind in SOFT, track.name))
     return _joined(sorted(found, key=lambda zone: zone.begin_m))
+
+
+def _near_junction(situation: Situation, s_m: float) -> bool:
+    return any(enter - JUNCTION_M < s_m < leave + 5.0 for enter, leave, _ in situation.lanes.spans)
 
 
 def _joined(found: list[Zone]) -> list[Zone]:
